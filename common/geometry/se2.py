@@ -1,0 +1,73 @@
+"""SE(2) on numpy arrays: a pose is `(x, y, theta)` in metres and radians, batches have shape (..., 3).
+
+A pose of frame B in frame A maps points of B to A: `apply(pose, points_b) -> points_a`.
+All functions broadcast over leading dimensions and return float64.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Pose = NDArray[np.float64]
+
+IDENTITY: Pose = np.zeros(3)
+IDENTITY.setflags(write=False)
+
+
+def wrap(angle: ArrayLike) -> NDArray[np.float64]:
+    """Angle(s) in radians, brought to [-pi, pi)."""
+    return np.asarray((np.asarray(angle, dtype=np.float64) + np.pi) % (2 * np.pi) - np.pi)
+
+
+def compose(a: ArrayLike, b: ArrayLike) -> Pose:
+    """The pose `b`, given in the frame of `a`, in the frame that `a` is given in."""
+    a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack(
+        [
+            a[..., 0] + c * b[..., 0] - s * b[..., 1],
+            a[..., 1] + s * b[..., 0] + c * b[..., 1],
+            wrap(a[..., 2] + b[..., 2]),
+        ],
+        axis=-1,
+    )
+
+
+def inverse(a: ArrayLike) -> Pose:
+    """The pose that undoes `a`."""
+    a = np.asarray(a, dtype=np.float64)
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack([-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], wrap(-a[..., 2])], axis=-1)
+
+
+def between(a: ArrayLike, b: ArrayLike) -> Pose:
+    """The pose `b` in the frame of `a`, both given in one common frame."""
+    return compose(inverse(a), b)
+
+
+def apply(pose: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
+    """Points (n, 2) of the pose's own frame, in the frame that the pose is given in."""
+    pose, points = np.asarray(pose, dtype=np.float64), np.asarray(points, dtype=np.float64)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    return np.stack(
+        [pose[0] + c * points[:, 0] - s * points[:, 1], pose[1] + s * points[:, 0] + c * points[:, 1]],
+        axis=-1,
+    )
+
+
+def interpolate(stamps: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Pose:
+    """Poses (m, 3) at the times `at` (m,), along the track `stamps` (n,), `poses` (n, 3).
+
+    Linear in x and y, the short way round in theta, held beyond the ends. Stamps must not fall.
+    """
+    stamps, poses, at = (np.asarray(v, dtype=np.float64) for v in (stamps, poses, at))
+    theta = np.unwrap(poses[:, 2])
+    return np.stack(
+        [
+            np.interp(at, stamps, poses[:, 0]),
+            np.interp(at, stamps, poses[:, 1]),
+            wrap(np.interp(at, stamps, theta)),
+        ],
+        axis=-1,
+    )

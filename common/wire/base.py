@@ -1,0 +1,44 @@
+"""What all messages have in common."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from common.wire.limits import NAME_PATTERN
+
+Name = Annotated[str, Field(pattern=NAME_PATTERN)]
+"""A robot's or an edge's name."""
+
+StreamId = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
+"""uuid of the spool that numbered the frames: a wiped spool or a second robot of one name is seen by it."""
+
+Epoch = tuple[int, int]
+"""(term, n): the scheduler's term and its count within it; later epochs compare greater."""
+
+PoseTuple = tuple[float, float, float]
+"""x, y in metres, theta in radians."""
+
+
+class Part(BaseModel):
+    """A piece of a message: immutable and strict about its fields."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Message(Part):
+    """Something that travels alone under a key."""
+
+
+class Cover(Part):
+    """How much of a robot's stream a derived product contains."""
+
+    stream: StreamId
+    seq: int
+    """last frame contained"""
+    epoch: Epoch
+    """routing epoch of the instance that made it"""
+
+
+Covers = dict[Name, Cover]

@@ -1,0 +1,116 @@
+"""Bytes on the wire: msgpack of `[version, kind, fields]`; arrays are extension type 1 (see arrays.py)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgpack
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from common.errors import BadMessage
+from common.wire import cloud, edge, pages, robot, scheduler
+from common.wire.arrays import EXT_ARRAY, pack_array, unpack_array
+from common.wire.base import Message
+from common.wire.limits import MAX_ITEMS, MAX_MESSAGE_BYTES, MAX_TEXT_BYTES, VERSION
+
+AnyMessage = (
+    robot.Frame
+    | robot.EndOfStream
+    | robot.RobotProfile
+    | robot.RobotStatus
+    | edge.Ack
+    | edge.PoseUpdate
+    | edge.MapNotice
+    | edge.Verdicts
+    | edge.EdgeMapNotice
+    | edge.Claims
+    | edge.EdgeStatus
+    | cloud.Transforms
+    | cloud.GlobalMapNotice
+    | cloud.CloudStatus
+    | scheduler.Routes
+    | scheduler.OverlapMatrix
+    | scheduler.Plan
+    | scheduler.SchedulerStatus
+    | pages.FramePage
+    | pages.TilePage
+    | pages.TrajectoryPage
+    | pages.Refusal
+)
+"""The closed union of what travels; `match` on it."""
+
+KINDS: dict[str, type[Message]] = {kind.__name__: kind for kind in AnyMessage.__args__}
+
+
+def encode(message: Message) -> bytes:
+    """The message as bytes. Raises BadMessage when it is larger than the wire allows."""
+    kind = type(message).__name__
+    if kind not in KINDS:
+        raise BadMessage(f"{kind} is not a message that travels")
+    data: bytes = msgpack.packb([VERSION, kind, plain(message)], default=_default)
+    if len(data) > MAX_MESSAGE_BYTES:
+        raise BadMessage(f"{kind} of {len(data)} bytes is over the limit of {MAX_MESSAGE_BYTES}; send it in pages")
+    return data
+
+
+def decode(data: bytes, sender: str = "") -> Message:
+    """The message in `data`. Raises BadMessage, which names the field and the sender, on anything else."""
+    if len(data) > MAX_MESSAGE_BYTES:
+        raise BadMessage(f"{len(data)} bytes are over the limit of {MAX_MESSAGE_BYTES}", sender)
+    try:
+        parts = msgpack.unpackb(
+            data,
+            ext_hook=_ext,
+            use_list=False,
+            max_array_len=MAX_ITEMS,
+            max_map_len=MAX_ITEMS,
+            max_str_len=MAX_TEXT_BYTES,
+            max_ext_len=MAX_MESSAGE_BYTES,
+            max_bin_len=MAX_MESSAGE_BYTES,
+        )
+    except (ValueError, TypeError, RecursionError, msgpack.exceptions.UnpackException) as error:
+        raise BadMessage(f"not msgpack of this protocol: {error}", sender) from error
+    if not (isinstance(parts, tuple) and len(parts) == 3):
+        raise BadMessage("not a [version, kind, fields] triple", sender)
+    version, kind, fields = parts
+    if version != VERSION:
+        raise BadMessage(f"wire version {version!r}, this program speaks {VERSION}; upgrade the older side", sender)
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise BadMessage(f"unknown kind {kind!r}", sender)
+    try:
+        return KINDS[kind].model_validate(fields)
+    except ValidationError as error:
+        raise BadMessage(f"{kind}: {explain(error)}", sender) from error
+
+
+def explain(error: ValidationError) -> str:
+    """`field: what is wrong` for each fault, without pydantic's links."""
+    return "; ".join(
+        f"{'.'.join(str(part) for part in fault['loc']) or 'message'}: {fault['msg']}" for fault in error.errors()
+    )
+
+
+def plain(value: Any) -> Any:
+    """Models as dicts of their fields, all else as it is."""
+    if isinstance(value, BaseModel):
+        return {name: plain(field) for name, field in value.__dict__.items()}
+    if isinstance(value, tuple | list):
+        return [plain(item) for item in value]
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    return value
+
+
+def _default(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return pack_array(value)
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} does not travel")
+
+
+def _ext(code: int, data: bytes) -> Any:
+    if code != EXT_ARRAY:
+        raise ValueError(f"unknown extension type {code}")
+    return unpack_array(data)

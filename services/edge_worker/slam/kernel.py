@@ -1,0 +1,79 @@
+"""What a SLAM kernel is: the one protocol that `graph`, `gmapping` and plugged-in kernels keep.
+
+A kernel's only input is its own robot's frames in order. It is seeded and deterministic: the same frames give
+the same map and trajectory, bit for bit, on machines of equal fingerprint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.errors import ConfigError
+from common.grid import Grid
+from common.wire import Frame
+
+ENTRY_POINT_GROUP = "recslam.kernels"
+
+
+class Estimate(NamedTuple):
+    """What a kernel knows after one frame."""
+
+    pose: NDArray[np.float64]
+    """(3,) robot base in the kernel's map frame at the frame's stamp: m, m, rad"""
+    matched: bool
+    """the scan agreed with the map (False: dead reckoning, or the frame held no usable beam)"""
+
+
+class Kernel(Protocol):
+    """One robot's SLAM."""
+
+    def process(self, frame: Frame) -> Estimate:
+        """Take the next frame. A frame without usable beams moves the pose by odometry only."""
+        ...
+
+    def finish(self) -> None:
+        """The stream has ended: let pending background work take effect and refine once more."""
+        ...
+
+    def map(self) -> Grid:
+        """The robot map so far: the same object each time, its versions rising as tiles change."""
+        ...
+
+    def trajectory(self) -> NDArray[np.float64]:
+        """(n, 4): stamp s, x m, y m, theta rad, one row for every frame taken, corrected up to now."""
+        ...
+
+    def snapshot(self) -> bytes:
+        """All state, so that `restore` continues bit for bit."""
+        ...
+
+    def restore(self, data: bytes) -> None:
+        """Take over a snapshot of a kernel of the same name and settings. Raises SnapshotRefused."""
+        ...
+
+
+KernelFactory = Callable[[Mapping[str, Any], int], Kernel]
+"""(settings as read from the configuration, seed) -> kernel; raises ConfigError naming the field"""
+
+
+def create(name: str, settings: Mapping[str, Any], seed: int = 0) -> Kernel:
+    """A new kernel by its name in the configuration. Raises ConfigError for unknown names or settings."""
+    if name == "graph":
+        from services.edge_worker.slam.graph import GraphSlam
+
+        return GraphSlam.create(settings, seed)
+    if name == "gmapping":
+        from services.edge_worker.slam.gmapping import GMapping
+
+        return GMapping.create(settings, seed)
+    plugins = {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
+    if name not in plugins:
+        known = ", ".join(["graph", "gmapping", *sorted(plugins)])
+        raise ConfigError(f"slam.kernel: no kernel is called {name!r}; there are: {known}")
+    factory: KernelFactory = plugins[name].load()
+    return factory(settings, seed)
