@@ -27,6 +27,14 @@ class BadFile(UsageError):
     """A file that cannot be read as what it should be; the message names file and place."""
 
 
+class BadSweep(RecslamError):
+    """A scan of a robot's own source that cannot travel; it is refused and counted, and the robot goes on."""
+
+
+class SpoolFull(UsageError):
+    """The disk under a robot's spool takes no more; the message says what to free."""
+
+
 class Unmergeable(UsageError):
     """Maps that cannot be combined as asked (for example of different resolution without resampling)."""
 
@@ -41,6 +49,10 @@ class PeerError(RecslamError):
 
 class BadMessage(PeerError):
     """A payload that is no valid message of this version."""
+
+
+class QueryFailed(PeerError):
+    """A query that was refused, timed out, or that nobody answered."""
 
 
 class WorkerDied(RecslamError):

@@ -1,0 +1,50 @@
+"""A Zenoh router inside a Python process. Its routing runs in Rust threads and needs nothing of the event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from types import TracebackType
+
+import zenoh
+
+from common.bus.settings import router_config
+from common.errors import UsageError
+
+
+class Router:
+    """An open router; close it on every path out (`async with await Router.open()`)."""
+
+    def __init__(self, session: zenoh.Session, endpoint: str) -> None:
+        self._session = session
+        self.endpoint = endpoint
+        """where it really listens, to be passed to `Bus.open`"""
+
+    @classmethod
+    async def open(cls, listen: str = "tcp/127.0.0.1:0", *, name: str = "recslam-router") -> Router:
+        """Listen on `listen`; port 0 takes a free one. Raises UsageError when it cannot listen there."""
+        try:
+            session = await asyncio.to_thread(zenoh.open, router_config(listen, name=name))
+        except zenoh.ZError as error:
+            raise UsageError(f"cannot listen on {listen}: {error}; choose a free address or port 0") from error
+        return cls(session, await asyncio.to_thread(_locator, session))
+
+    async def close(self) -> None:
+        await asyncio.to_thread(self._session.close)
+
+    async def __aenter__(self) -> Router:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+
+def _locator(session: zenoh.Session) -> str:
+    """The first address that the router listens on, as its admin space tells."""
+    for reply in session.get(f"@/{session.zid()}/router"):
+        if reply.ok is not None:
+            return str(json.loads(reply.ok.payload.to_bytes())["locators"][0])
+    session.close()
+    raise UsageError("the router's admin space does not answer; is adminspace disabled by a configuration?")
