@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scenes import problem
+from scheduling_problems import problem
 
 from services.scheduler.costs import FusionModel, predict
 

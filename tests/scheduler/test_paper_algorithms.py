@@ -6,8 +6,8 @@ import itertools
 
 import numpy as np
 import pytest
-from plain_twins import algorithm_1, algorithm_2, fitness
-from scenes import graph
+from paper_twins import algorithm_1, algorithm_2, fitness
+from scheduling_problems import graph
 
 from common.errors import UsageError
 from services.scheduler.graph import balanced_sizes, cut, quantise

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import problem
+from scheduling_problems import problem
 
 from common.errors import ConfigError, UsageError
 from services.scheduler.policies import POLICIES, plan
