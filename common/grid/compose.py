@@ -1,0 +1,43 @@
+"""Merging maps is adding counts: commutative, and one robot's ghost can be cleared by another's free space."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.errors import Unmergeable
+from common.grid.grid import SATURATED, TILE, Counts, Grid, TileKey
+
+
+def add(grids: Iterable[Grid]) -> Grid:
+    """The cell-wise sum of grids on one lattice, in the same bits whatever their order.
+
+    Sums are exact; a cell whose visits exceed uint16 has both counts scaled down, so that its ratio stays.
+    Raises Unmergeable when resolutions differ: render the odd one onto the common lattice first.
+    """
+    grids = list(grids)
+    if not grids:
+        raise Unmergeable("no grids to add: leave out the merge, or give at least one grid")
+    resolutions = sorted({grid.resolution for grid in grids})
+    if len(resolutions) > 1:
+        raise Unmergeable(f"grids of {resolutions} m/cell cannot be added: render them at one resolution first")
+    sums: dict[TileKey, NDArray[np.uint32]] = {}
+    for grid in grids:
+        for key, counts in grid.tiles.items():
+            sums.setdefault(key, np.zeros((2, TILE, TILE), np.uint32))[...] += counts
+    merged = Grid(resolutions[0])
+    merged.replace((key, saturate(sums[key])) for key in sorted(sums) if sums[key].any())
+    return merged
+
+
+def saturate(counts: NDArray[np.uint32]) -> Counts:
+    """Counts (2, ...) as uint16; where visits do not fit, both are scaled so that the ratio stays."""
+    if counts[1].max(initial=0) <= SATURATED:
+        return counts.astype(np.uint16)
+    wide = counts.astype(np.uint64)
+    over = wide[1] > SATURATED
+    wide[0, over] = (wide[0, over] * SATURATED + wide[1, over] // 2) // wide[1, over]
+    wide[1, over] = SATURATED
+    return wide.astype(np.uint16)
