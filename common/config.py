@@ -39,6 +39,10 @@ class BusConfig(Section):
 
 class RobotConfig(Section):
     spool_mb: Annotated[float, Field(gt=0)] = 512.0
+    record: bool = False
+    """keep frames in the spool when they are durable elsewhere, too, so that it is a whole recording"""
+    lossless: bool = False
+    """send ranges as float32 instead of whole counts of 1, 2 or 5 mm"""
     realtime: bool = False
     """pace recorded and simulated frames by their stamps; otherwise as fast as the edge takes them"""
     linger_s: Annotated[float, Field(ge=0)] = 2.0

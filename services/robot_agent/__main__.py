@@ -1,0 +1,3 @@
+from services.robot_agent.app import main
+
+raise SystemExit(main())
