@@ -22,7 +22,7 @@ def test_a_way_is_drawn_where_the_robot_went():
     # Along the map's own x axis at 1 m height, in a frame that sees the map turned by a right angle.
     way = np.array([[10 - 1.05, y, 0.0] for y in np.linspace(20.2, 22.0, 30)])
     image = draw_map(free, 0.05, (10.0, 20.0, yaw), {"": way})
-    drawn = np.argwhere((image == COLOURS[0]).all(axis=-1))
+    drawn = np.argwhere((image != 255).any(axis=-1))
     assert len(drawn) > 20
     assert abs(np.median(drawn[:, 0]) - (40 - 1.05 / 0.05)) <= 1
     assert abs(drawn[:, 1].min() - 4) <= 1
