@@ -73,6 +73,22 @@ def score_map(
     return MapScore(iou, precision, recall, coverage, len(cells), len(faces))
 
 
+def score_occupancy(
+    occupancy: NDArray[np.int8],
+    resolution: float,
+    truth: ArrayLike,
+    *,
+    origin: PoseTuple = (0.0, 0.0, 0.0),
+    pose: ArrayLike = (0.0, 0.0, 0.0),
+    truth_free: ArrayLike | None = None,
+    tolerance: float = 1.0,
+) -> MapScore:
+    """`score_map` of an occupancy map (height, width) of -1, 0..100; `origin` and `pose` as in `cell_centres`."""
+    cells = np.asarray(occupancy)
+    occupied, known = (cell_centres(mask, resolution, origin, pose) for mask in (cells >= OCCUPIED_FROM, cells >= 0))
+    return score_map(occupied, truth, resolution, known=known, truth_free=truth_free, tolerance=tolerance)
+
+
 def cell_centres(
     mask: NDArray[np.bool_],
     resolution: float,

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import UsageError
-from common.evaluation.maps import cell_centres, score_map, wall_thickness
+from common.evaluation.maps import cell_centres, score_map, score_occupancy, wall_thickness
 
 CELL = 0.05
 
@@ -80,6 +80,22 @@ def test_cell_centres_lie_where_origin_and_pose_put_them():
     np.testing.assert_allclose(cell_centres(mask, 0.1), [[0.05, 0.15]])
     np.testing.assert_allclose(cell_centres(mask, 0.1, (1, 2, np.pi / 2)), [[1 - 0.15, 2.05]])
     np.testing.assert_allclose(cell_centres(mask, 0.1, (1, 2, np.pi / 2), (0, 0, np.pi)), [[-0.85, -2.05]], atol=1e-12)
+
+
+def test_a_map_is_scored_where_its_robots_say_it_lies():
+    grid = np.full((40, 100), -1, np.int8)
+    grid[10:, :] = 0
+    grid[9] = 100
+    truth = [in_truth(*point) for point in wall(0, 5, 9.5 * CELL)]
+    seen = [in_truth(*point) for point in np.random.default_rng(0).uniform((0, 0.5), (5, 2), (500, 2))]
+    placed = score_occupancy(grid, CELL, truth, origin=(1, 2, np.pi / 2), pose=(-3, 0, np.pi), truth_free=seen)
+    assert placed[:4] == (1, 1, 1, 1)
+    assert score_occupancy(grid, CELL, truth, origin=(1, 2, np.pi / 2), truth_free=seen).iou == 0
+
+
+def in_truth(x: float, y: float) -> tuple[float, float]:
+    """Turned a quarter at (1, 2), and that half round at (-3, 0)."""
+    return -3 - (1 - y), -(2 + x)
 
 
 @pytest.mark.parametrize("thick", [1, 2, 3, 5])
