@@ -135,7 +135,7 @@ class Bus:
                 encoding=ENCODING,
                 congestion_control=CongestionControl.DROP,
                 cache=ext.CacheConfig(1),
-                sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S),
+                sample_miss_detection=ext.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
                 publisher_detection=True,
             )
         self._server.latch(key, data)
@@ -233,8 +233,8 @@ class Bus:
         self._threads = [thread for thread in self._threads if thread.is_alive()]
         self._threads.append(stream.read(items))
 
-    def _count_dropped(self) -> None:
-        self.counters.dropped += 1
+    def _count_dropped(self, lost: int) -> None:
+        self.counters.dropped += lost
 
     def _count_sent(self, data: bytes) -> None:
         self.counters.sent += 1

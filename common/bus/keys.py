@@ -29,7 +29,7 @@ _NAME = re.compile(NAME_PATTERN)
 
 
 def _named(name: str) -> str:
-    if name != ANY and not _NAME.match(name):
+    if name != ANY and not _NAME.fullmatch(name):
         raise UsageError(f"{name!r} is no name: use 1 to 64 of A-Z a-z 0-9 _ - (or * for all)")
     return name
 

@@ -32,11 +32,13 @@ class Stream(Generic[T]):
         loop: asyncio.AbstractEventLoop,
         depth: int,
         accept: Callable[[Any], T | None],
-        dropped: Callable[[], None],
+        dropped: Callable[[int], None],
     ) -> None:
-        """`accept` turns a raw item into what is yielded (None: skip it); `dropped` is told of each lost item."""
+        """`accept` turns a raw item into what is yielded (None: skip it); `dropped` is told, on the loop, how
+        many were lost."""
         self.depth = depth
         self.dropped = 0
+        self._untold = 0
         self._loop = loop
         self._accept = accept
         self._tell_dropped = dropped
@@ -58,7 +60,7 @@ class Stream(Generic[T]):
             if len(self._items) >= self.depth:
                 self._items.popleft()
                 self.dropped += 1
-                self._tell_dropped()
+                self._untold += 1
             self._items.append(item)
         self._wake()
 
@@ -125,4 +127,7 @@ class Stream(Generic[T]):
     def _woken(self) -> None:
         with self._lock:
             self._waking = False
+            lost, self._untold = self._untold, 0
+        if lost:
+            self._tell_dropped(lost)
         self._event.set()
