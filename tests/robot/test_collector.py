@@ -6,38 +6,21 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from list_source import GEOMETRY, ListSource, sweeps
 
 from common.config import CarmenSource, Fleet, RecordingSource, RobotEntry, SimSource
 from common.errors import BadFile
-from common.sweep import LaserGeometry, Sweep
 from common.wire import Frame
 from services.robot_agent.collector import Collector
 from services.robot_agent.sources.factory import make, peers_of
-from services.robot_agent.sources.source import SourceProfile
 from services.robot_agent.spool import Spool
 
 MB = 2**20
-GEOMETRY = LaserGeometry(angle_min=-1.5, angle_increment=0.1, range_min=0.1, range_max=8.0)
-
-
-class ListSource:
-    def __init__(self, sweeps: Sequence[Sweep], can_wait: bool = True) -> None:
-        self.profile = SourceProfile("list", "laser", 8.0, can_wait)
-        self._sweeps = sweeps
-
-    def sweeps(self) -> Iterator[Sweep]:
-        return iter(self._sweeps)
-
-
-def sweeps(count: int, step_s: float = 0.1) -> list[Sweep]:
-    rng = np.random.default_rng(5)
-    return [Sweep(i * step_s, GEOMETRY, rng.uniform(0, 8, 30).astype(np.float32)) for i in range(count)]
 
 
 def take_all(collector: Collector, limit: int = 16) -> list[Frame]:
