@@ -66,16 +66,16 @@ def write_map(
     return meta
 
 
-def read_map(path: str | Path) -> SavedMap:
+def read_map(path: str | Path, image: Path | None = None) -> SavedMap:
     """The map whose yaml file is `path`; its image may be PGM (also gzipped), PNG or what else OpenCV knows.
 
-    Raises BadFile naming the file and what is wrong with it.
+    `image` takes the place of the one that the yaml names. Raises BadFile naming the file and what is wrong with it.
     """
     meta = Metadata(Path(path))
     resolution = meta.number("resolution")
     if resolution <= 0:
         raise BadFile(f"{path}: resolution {resolution} must be positive")
-    cells = _interpret(meta, read_channels(meta.image()))
+    cells = _interpret(meta, read_channels(image or meta.image()))
     return SavedMap(np.ascontiguousarray(cells[::-1]), resolution, meta.origin())
 
 
