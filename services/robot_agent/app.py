@@ -24,7 +24,8 @@ async def _agent(args: argparse.Namespace, stop: asyncio.Event) -> None:
     fleet = load_fleet(args)
     entry = fleet.robot_entry(args.id)
     limit = int(fleet.robot.spool_mb * 2**20)
-    with Spool(spool_path(args.spool, entry.id), entry.id, limit, fleet.robot.record) as spool:
+    path = spool_path(args.spool, entry.id)
+    with await asyncio.to_thread(Spool, path, entry.id, limit, fleet.robot.record) as spool:  # reads it through
         source = await asyncio.to_thread(make, entry, fleet)
         collector = Collector(source, spool, fleet.robot.lossless, args.realtime or fleet.robot.realtime)
         await RobotAgent(fleet, entry, collector, spool, stop, args.exit_when_processed).run()

@@ -22,6 +22,8 @@ from typing import IO
 
 from common.errors import BadFile, SpoolFull, UsageError
 
+TRIM_FRAMES = 2000
+"""frames trimmed in one transaction"""
 SCHEMA_VERSION = 1
 APPLICATION_ID = 0x5245_4353
 """marks the sqlite file as ours ("RECS")"""
@@ -119,24 +121,12 @@ class Spool:
         return now.next_seq
 
     def trim(self, durable: int) -> None:
-        """Forget all frames up to `durable`, or only remember that they are durable when the spool is a recording."""
-        with self._transaction() as now:
-            if durable <= now.durable:
-                return
-            gone = freed = 0
-            if not self.keep_durable:
-                query = "SELECT COUNT(*), COALESCE(SUM(LENGTH(data)), 0) FROM frames WHERE seq <= ?"
-                gone, freed = self._db.execute(query, (durable,)).fetchone()
-                self._db.execute("DELETE FROM frames WHERE seq <= ?", (durable,))
-            self._save(
-                replace(
-                    now,
-                    durable=durable,
-                    frames=now.frames - gone,
-                    bytes=now.bytes - freed,
-                    oldest=now.oldest + gone,
-                )
-            )
+        """Forget all frames up to `durable`, or only remember that they are durable when the spool is a recording.
+
+        Works in slices: a spool that has waited long for its edge must not keep the next frame out for seconds.
+        """
+        while self._trim_slice(durable):
+            pass
 
     def read(self, start: int, limit_bytes: int, end: int | None = None) -> tuple[list[tuple[int, bytes]], int | None]:
         """Frames from number `start` to `end` (None: all) that fit into `limit_bytes`, at least one where there is one.
@@ -153,6 +143,28 @@ class Spool:
                     return page, seq
                 page.append((seq, data))
         return page, None
+
+    def _trim_slice(self, durable: int) -> bool:
+        """Whether there is more to trim."""
+        with self._transaction() as now:
+            end = durable if self.keep_durable else min(durable, max(now.oldest, now.durable) + TRIM_FRAMES)
+            if end <= now.durable:
+                return False
+            gone = freed = 0
+            if not self.keep_durable:
+                query = "SELECT COUNT(*), COALESCE(SUM(LENGTH(data)), 0) FROM frames WHERE seq <= ?"
+                gone, freed = self._db.execute(query, (end,)).fetchone()
+                self._db.execute("DELETE FROM frames WHERE seq <= ?", (end,))
+            self._save(
+                replace(
+                    now,
+                    durable=end,
+                    frames=now.frames - gone,
+                    bytes=now.bytes - freed,
+                    oldest=now.oldest + gone,
+                )
+            )
+        return end < durable
 
     def _drop_oldest(self, excess: int, newest: int, durable: int) -> tuple[int, int, int]:
         """Delete the oldest frames until `excess` bytes are free, never the newest: (frames, bytes, not durable)."""

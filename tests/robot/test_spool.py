@@ -66,6 +66,14 @@ def test_the_newest_frame_stays_even_when_it_is_larger_than_the_limit(tmp_path: 
         assert spool.read(0, MB) == ([(1, payload(1))], None)
 
 
+def test_a_long_spool_is_trimmed_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.robot_agent.spool.TRIM_FRAMES", 3)
+    with Spool(tmp_path / "s", "r1", MB) as spool:
+        spool.append([payload(seq) for seq in range(20)], taken=20)
+        spool.trim(17)
+        assert (spool.now().oldest, spool.now().frames, spool.now().durable) == (18, 2, 17)
+
+
 def test_a_recording_keeps_what_is_durable(tmp_path: Path) -> None:
     with Spool(tmp_path / "s", "r1", MB, keep_durable=True) as spool:
         spool.append([b"a", b"b"], taken=2)
@@ -248,5 +256,5 @@ def test_a_spool_behaves_like_a_bounded_list_that_survives(tmp_path: Path) -> No
     class Machine(SpoolMachine):
         home = tmp_path
 
-    Machine.TestCase.settings = settings(max_examples=40, stateful_step_count=25, deadline=None)
+    Machine.TestCase.settings = settings(max_examples=30, stateful_step_count=25, deadline=None)
     Machine.TestCase("runTest").runTest()
