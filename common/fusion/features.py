@@ -1,0 +1,105 @@
+"""Proposals by ORB key points on the map as an image, and a seeded rigid RANSAC in metres."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+RATIO = 0.85
+"""a match must be this much nearer than the second best (Lowe's test)"""
+INLIER_M = 0.25
+DRAWS = 400
+MIN_INLIERS = 4
+MIN_SPREAD_M = 1.0
+"""two matches closer than this fix no rotation"""
+
+
+class Features(NamedTuple):
+    points: NDArray[np.float64]
+    """(n, 2) m in the map frame"""
+    descriptors: NDArray[np.uint8]
+    """(n, 32)"""
+
+
+def find_features(image: NDArray[np.uint8], origin: NDArray[np.float64], resolution: float, count: int) -> Features:
+    """ORB key points of a map image (h, w) whose [0, 0] has its lower left corner at `origin` (m)."""
+    orb = cv2.ORB.create(nfeatures=count, fastThreshold=10)
+    keys, descriptors = orb.detectAndCompute(image, None)
+    if descriptors is None:
+        return Features(np.zeros((0, 2)), np.zeros((0, 32), np.uint8))
+    pixels = np.array([key.pt for key in keys], np.float64)
+    return Features(origin + (pixels + 0.5) * resolution, np.asarray(descriptors, np.uint8))
+
+
+def propose_by_features(fa: Features, fb: Features, hypotheses: int, seed: int) -> NDArray[np.float64]:
+    """Poses (n, 3) of b's frame in a's, most inliers first; the inliers of one are not used for the next."""
+    pairs = _matches(fa.descriptors, fb.descriptors)
+    points_a, points_b = fa.points[pairs[:, 0]], fb.points[pairs[:, 1]]
+    rng = np.random.default_rng(seed)
+    poses: list[NDArray[np.float64]] = []
+    while len(poses) < hypotheses and len(points_a) >= MIN_INLIERS:
+        pose, inliers = _ransac(points_a, points_b, rng)
+        if inliers.sum() < MIN_INLIERS:
+            break
+        poses.append(pose)
+        points_a, points_b = points_a[~inliers], points_b[~inliers]
+    return np.array(poses).reshape(-1, 3)
+
+
+def fit_rigid(points_a: NDArray[np.float64], points_b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The pose (..., 3) with least squares |pose(b) - a|, points (..., n, 2); no scale."""
+    mean_a, mean_b = points_a.mean(axis=-2), points_b.mean(axis=-2)
+    da, db = points_a - mean_a[..., None, :], points_b - mean_b[..., None, :]
+    sine = (db[..., 0] * da[..., 1] - db[..., 1] * da[..., 0]).sum(axis=-1)
+    cosine = (db * da).sum(axis=(-1, -2))
+    theta = np.arctan2(sine, cosine)
+    c, s = np.cos(theta), np.sin(theta)
+    x = mean_a[..., 0] - c * mean_b[..., 0] + s * mean_b[..., 1]
+    y = mean_a[..., 1] - s * mean_b[..., 0] - c * mean_b[..., 1]
+    return np.stack([x, y, theta], axis=-1)
+
+
+def _matches(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """(n, 2) indices of matches that pass the ratio test in either direction, sorted."""
+    if len(a) < 2 or len(b) < 2:
+        return np.zeros((0, 2), np.int64)
+    forth, back = _passing(a, b), _passing(b, a)
+    return np.unique(np.concatenate([forth, back[:, ::-1]]), axis=0)
+
+
+def _passing(queries: NDArray[np.uint8], targets: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """(n, 2) query and target of the best matches that are well below the second best."""
+    found = cv2.batchDistance(queries, targets, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=2)
+    distances, indices = np.asarray(found[0]), np.asarray(found[1])
+    rows = np.flatnonzero(distances[:, 0] < RATIO * distances[:, 1])
+    return np.stack([rows, indices[rows, 0]], axis=1)
+
+
+def _ransac(
+    points_a: NDArray[np.float64], points_b: NDArray[np.float64], rng: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The pose that most matches agree on, fitted to them, and which do."""
+    draws = rng.integers(0, len(points_a), (DRAWS, 2))
+    lengths = [np.linalg.norm(p[draws[:, 0]] - p[draws[:, 1]], axis=1) for p in (points_a, points_b)]
+    draws = draws[(np.abs(lengths[0] - lengths[1]) < INLIER_M) & (lengths[0] > MIN_SPREAD_M)]
+    if not len(draws):
+        return np.zeros(3), np.zeros(len(points_a), np.bool_)
+    poses = fit_rigid(points_a[draws], points_b[draws])
+    errors = _errors(poses, points_a, points_b)
+    inliers = errors[int(np.argmax((errors < INLIER_M).sum(axis=1)))] < INLIER_M
+    pose = fit_rigid(points_a[inliers], points_b[inliers])
+    again = _errors(pose[None], points_a, points_b)[0] < INLIER_M
+    return pose, again | inliers
+
+
+def _errors(
+    poses: NDArray[np.float64], points_a: NDArray[np.float64], points_b: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(poses, points) distance in m between pose(b) and a."""
+    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    x = poses[:, :1] + c * points_b[:, 0] - s * points_b[:, 1] - points_a[:, 0]
+    y = poses[:, 1:2] + s * points_b[:, 0] + c * points_b[:, 1] - points_a[:, 1]
+    return np.asarray(np.hypot(x, y))

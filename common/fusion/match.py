@@ -1,0 +1,119 @@
+"""Matching two robot maps: features and correlation propose, geometry decides.
+
+`match` looks everywhere; `track` only confirms and sharpens what has been decided. Both depend on nothing but their
+arguments, so a verdict can be made again anywhere, bit for bit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from common.errors import Unmergeable
+from common.fusion.decide import decide, judge_alone, runner_up
+from common.fusion.hypotheses import Hypothesis, judge, search
+from common.fusion.matchmap import MatchMap
+from common.fusion.settings import FusionSettings
+from common.geometry.se2 import Pose
+from common.wire.edge import PairVerdict, VerdictKind
+
+
+@dataclass(frozen=True)
+class Match:
+    """What was decided about a pair of maps, with the evidence."""
+
+    kind: VerdictKind
+    reason: str
+    transform: Pose | None = None
+    """(3,) pose of b's frame in a's; given for `merged` only"""
+    information: NDArray[np.float64] | None = None
+    """(3, 3) inverse covariance of the transform's x, y (m) and theta (rad); given with it"""
+    overlap: float = 0.0
+    """|A∩B| / (|A|+|B|) over known cells at the best placement, 0 to 0.5"""
+    agreement: float = 0.0
+    """share of wall in the overlap that finds a wall"""
+    conflict: float = 0.0
+    """share of wall in the overlap that lies in the other's free space"""
+    runner_up: float = 0.0
+    """score of the best distinct other hypothesis over that of the best"""
+    score: float = 0.0
+    """m of agreeing wall less what contradictions cost"""
+    hypotheses: tuple[Hypothesis, ...] = ()
+    """the distinct best first, for pictures and explanations"""
+
+    def verdict(self, a: str, b: str, versions: tuple[int, int]) -> PairVerdict:
+        """The message about robots `a` and `b`, whose maps of these versions were compared."""
+        x = self.transform
+        return PairVerdict(
+            a=a,
+            b=b,
+            kind=self.kind,
+            versions=versions,
+            transform=None if x is None else (float(x[0]), float(x[1]), float(x[2])),
+            overlap=self.overlap,
+            agreement=self.agreement,
+            conflict=self.conflict,
+            runner_up=self.runner_up,
+            reason=self.reason,
+        )
+
+
+def match(
+    a: MatchMap, b: MatchMap, *, settings: FusionSettings | None = None, seed: int = 0, prior: ArrayLike | None = None
+) -> Match:
+    """Where b lies in a, if anywhere. `prior` is a guess at the pose of b's frame in a's, tried with the others.
+
+    Raises Unmergeable when resolutions differ.
+    """
+    settings = settings or FusionSettings()
+    refusal = _refusal(a, b, settings)
+    if refusal is not None:
+        return refusal
+    priors = [] if prior is None else [np.asarray(prior, np.float64)]
+    hypotheses = search(a, b, settings, seed, priors)
+    kind, reason = decide(hypotheses, settings)
+    return _result(kind, reason, hypotheses, a, b)
+
+
+def track(a: MatchMap, b: MatchMap, transform: ArrayLike, *, settings: FusionSettings | None = None) -> Match:
+    """Refine and re-verify a decided transform after the maps have changed; ambiguity is not looked for again.
+
+    Evidence against it comes back as another kind than `merged`: then the pair is to be matched anew.
+    """
+    settings = settings or FusionSettings()
+    refusal = _refusal(a, b, settings)
+    if refusal is not None:
+        return refusal
+    hypothesis = judge(a, b, np.asarray(transform, np.float64), settings)
+    kind, reason = judge_alone(hypothesis, settings)
+    return _result(kind, reason, [hypothesis], a, b)
+
+
+def _refusal(a: MatchMap, b: MatchMap, settings: FusionSettings) -> Match | None:
+    """The verdict on maps that hold too little to be compared."""
+    if a.resolution != b.resolution:
+        raise Unmergeable(f"maps of {a.resolution} and {b.resolution} m/cell: render one at the other's resolution")
+    shortest = min(a.wall_m, b.wall_m)
+    if shortest < settings.min_walls_m:
+        return Match("insufficient", f"a map with {shortest:.1f} m of wall; {settings.min_walls_m:.1f} m are needed")
+    return None
+
+
+def _result(kind: VerdictKind, reason: str, hypotheses: list[Hypothesis], a: MatchMap, b: MatchMap) -> Match:
+    if not hypotheses:
+        return Match(kind, reason)
+    best, merged = hypotheses[0], kind == "merged"
+    return Match(
+        kind=kind,
+        reason=reason,
+        transform=best.pose if merged else None,
+        information=best.information if merged else None,
+        overlap=min(0.5, best.evidence.overlap_m2 / (a.known_m2 + b.known_m2)),
+        agreement=best.evidence.agreement,
+        conflict=best.evidence.conflict,
+        runner_up=runner_up(hypotheses),
+        score=best.score,
+        hypotheses=tuple(hypotheses),
+    )

@@ -1,0 +1,116 @@
+"""One robot map prepared for matching: everything that matching needs, derived once from free, occupied, unknown.
+
+The trinary raster is what travels as a sketch, so nothing here may need more than it. All of it is deterministic:
+equal rasters give equal bits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.errors import Unmergeable
+from common.fusion.features import Features, find_features
+from common.fusion.walls import NearestWall, Walls, find_walls, nearest_wall, orientation_histogram
+from common.grid.grid import FREE, OCCUPIED, UNKNOWN, Grid
+
+MARGIN_M = 0.6
+"""unknown border kept around the known area, so that walls at its edge have a full neighbourhood"""
+REACH_M = 0.5
+"""how far the nearest wall is looked for; no matching step looks farther"""
+MAX_SAMPLES = 1500
+"""wall points taken for refining and judging; more add time and no certainty"""
+
+
+@dataclass(frozen=True, eq=False)
+class MatchMap:
+    """An occupancy raster with what is derived from it; make it with `of` or `from_grid`."""
+
+    occupancy: NDArray[np.int8]
+    """(h, w) -1 unknown, 0 free, 100 occupied, row 0 the lowest y, cropped to the known area with a margin"""
+    origin_cell: tuple[int, int]
+    """absolute cell (x, y) of [0, 0]"""
+    resolution: float
+    """m per cell"""
+    _features: dict[int, Features] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, occupancy: NDArray[np.int8], origin_cell: tuple[int, int], resolution: float) -> MatchMap:
+        """A map from a raster (h, w) of -1, 0, 100. Raises Unmergeable when it is no such raster."""
+        if occupancy.ndim != 2 or not resolution > 0:
+            raise Unmergeable(f"a map needs a raster (h, w) and a resolution > 0, got {occupancy.shape}, {resolution}")
+        known = occupancy != UNKNOWN
+        rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+        if not len(rows):
+            return cls(np.full((1, 1), UNKNOWN), origin_cell, resolution)
+        margin = round(MARGIN_M / resolution)
+        y0, y1, x0, x1 = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
+        cropped = np.pad(occupancy[y0:y1, x0:x1].astype(np.int8), margin, constant_values=UNKNOWN)
+        cropped.setflags(write=False)
+        return cls(cropped, (origin_cell[0] + x0 - margin, origin_cell[1] + y0 - margin), resolution)
+
+    @classmethod
+    def from_grid(cls, grid: Grid) -> MatchMap:
+        """A map from hit and visit counts."""
+        raster, origin = grid.occupancy()
+        return cls.of(raster, origin, grid.resolution)
+
+    @cached_property
+    def origin(self) -> NDArray[np.float64]:
+        """(2,) m, lower left corner of cell [0, 0] in the map frame."""
+        return np.asarray(self.origin_cell, np.float64) * self.resolution
+
+    @cached_property
+    def known_cells(self) -> int:
+        return int((self.occupancy != UNKNOWN).sum())
+
+    @cached_property
+    def known_m2(self) -> float:
+        return self.known_cells * self.resolution**2
+
+    @cached_property
+    def walls(self) -> Walls:
+        return find_walls(self.occupancy, self.origin, self.resolution)
+
+    @cached_property
+    def wall_m(self) -> float:
+        """Length of wall, m: cells along it, whatever its thickness (the count of 0.2 m cells it passes)."""
+        x, y = np.floor((self.walls.points - self.origin) / 0.2).astype(np.int64).T
+        return 0.2 * len(np.unique(x * 1_000_000 + y))
+
+    @cached_property
+    def sample(self) -> Walls:
+        """Walls spread evenly over the map, at most MAX_SAMPLES, in random order: any first part is spread too."""
+        n = len(self.walls.points)
+        return self.walls.at(np.random.default_rng(n).permutation(n)[:MAX_SAMPLES])
+
+    @cached_property
+    def nearest(self) -> NearestWall:
+        """The nearest wall of every cell, up to REACH_M."""
+        return nearest_wall(self.occupancy.shape, self.walls.cells, self.resolution, REACH_M)
+
+    @cached_property
+    def histogram(self) -> NDArray[np.float64]:
+        return orientation_histogram(self.walls)
+
+    @cached_property
+    def free_points(self) -> NDArray[np.float64]:
+        """(n, 2) m: centres of free cells, one of every 2 x 2."""
+        cells = np.argwhere(self.occupancy[::2, ::2] == FREE) * 2
+        return self.origin + (cells[:, ::-1] + 0.5) * self.resolution
+
+    def features(self, count: int) -> Features:
+        """At most `count` ORB key points; found once per count."""
+        if count not in self._features:
+            self._features[count] = find_features(self.image, self.origin, self.resolution, count)
+        return self._features[count]
+
+    @cached_property
+    def image(self) -> NDArray[np.uint8]:
+        """(h, w) wall 0, free 255, unknown 128: walls are the strongest edge, frontiers a weak one."""
+        lut = np.full(256, 128, np.uint8)
+        lut[int(FREE)], lut[int(OCCUPIED)] = 255, 0
+        return lut[self.occupancy.view(np.uint8)]

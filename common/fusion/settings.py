@@ -1,0 +1,65 @@
+"""What the matcher may be told; every field has its unit in its name."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class FusionSettings(BaseModel):
+    """Settings of `match`, `track` and `solve`; the defaults hold for indoor laser maps of 2.5 to 10 cm cells."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    # propose
+    coarse_m: Positive = 0.2
+    """cell of the correlation search"""
+    rotations: Annotated[int, Field(ge=1, le=180)] = 4
+    """candidate rotations from the wall orientations, each with its opposite"""
+    peaks: Annotated[int, Field(ge=1, le=100)] = 8
+    """translations kept per rotation"""
+    repulsion: Annotated[float, Field(ge=0)] = 0.5
+    """how strongly free space repels walls in the correlation, relative to wall on wall"""
+    features: Annotated[int, Field(ge=0, le=10_000)] = 1000
+    """ORB key points per map; 0 switches the feature proposals off"""
+    feature_hypotheses: Annotated[int, Field(ge=1, le=20)] = 4
+    """distinct transforms taken from the feature matches"""
+
+    # refine
+    reach_m: Positive = 0.5
+    """how far refinement looks for a wall at first"""
+    refined: Annotated[int, Field(ge=1, le=500)] = 24
+    """hypotheses refined to the end"""
+
+    # verify
+    tolerance_m: Positive = 0.12
+    """a wall within this of a wall agrees with it"""
+    contradiction_m: Positive = 0.25
+    """a wall in free space farther than this from any wall contradicts"""
+
+    # decide
+    min_walls_m: Positive = 6.0
+    """a map with less wall is not compared"""
+    min_overlap_m2: Positive = 6.0
+    """area known to both that a merge must rest on"""
+    min_agreeing_m: Positive = 8.0
+    """length of agreeing wall that a merge must rest on"""
+    min_agreement: Share = 0.7
+    """share of walls in the overlap that must agree"""
+    max_conflict: Share = 0.1
+    """share of walls in the overlap that may contradict"""
+    max_blob_m: Positive = 1.5
+    """longest coherent contradiction that a merge may have"""
+    max_runner_up: Share = 0.8
+    """score of a distinct other hypothesis over the best, from which on a place counts as ambiguous"""
+    max_sigma_m: Positive = 0.1
+    """standard deviation of the transform's weakest direction from which on it counts as ambiguous"""
+
+    # solve
+    max_cycle_m: Positive = 0.5
+    """a cycle of merged pairs that fails to close by more than this holds a wrong pair"""
+    max_cycle_rad: Positive = 0.05

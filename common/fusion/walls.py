@@ -1,0 +1,164 @@
+"""Walls of an occupancy raster: sub-cell points, normals, how straight the wall is there, and the nearest wall.
+
+A wall's line near a cell is the principal axis of the wall cells around it: their mean gives the line's place to a
+fraction of a cell, their spread its direction (period 180 degrees) and its straightness.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from common.grid.grid import FREE, OCCUPIED, UNKNOWN
+
+WINDOW_M = 0.3
+"""radius of the neighbourhood that a wall's line is taken from"""
+ORIENTATION_BINS = 360
+"""of half a degree over the half turn"""
+ONE_SIDED = 0.25
+"""a wall with less free space behind it, relative to before it, has been seen from one side"""
+SAME_WAY = 0.7
+"""least cosine between the normals of one wall in two maps"""
+STRAIGHT = 0.5
+"""below this straightness a wall is a corner or a dot and may match any direction"""
+FAR_M = np.float32(1e3)
+
+
+class Walls(NamedTuple):
+    """Wall cells, row by row from the lowest."""
+
+    cells: NDArray[np.int64]
+    """(n, 2) row, column in the raster"""
+    points: NDArray[np.float64]
+    """(n, 2) m in the map frame, on the wall's middle line"""
+    normals: NDArray[np.float64]
+    """(n, 2) unit vectors across the wall, towards the side that is free (or freer)"""
+    straightness: NDArray[np.float64]
+    """(n,) 0 a dot or a crossing, 1 a straight wall"""
+    sided: NDArray[np.bool_]
+    """(n,) whether only that side is free: the wall has been seen from there alone"""
+
+    def at(self, indices: NDArray[np.int64]) -> Walls:
+        """Some of the walls."""
+        return Walls(
+            self.cells[indices],
+            self.points[indices],
+            self.normals[indices],
+            self.straightness[indices],
+            self.sided[indices],
+        )
+
+
+class NearestWall(NamedTuple):
+    """The nearest wall of every cell of the raster, as far as was looked."""
+
+    distance: NDArray[np.float32]
+    """(h, w) m from the cell's centre to that of the nearest wall cell; FAR_M when there is none in reach"""
+    wall: NDArray[np.int32]
+    """(h, w) index of that wall in `Walls`, -1 when there is none in reach"""
+
+
+def find_walls(raster: NDArray[np.int8], origin_m: NDArray[np.float64], resolution: float) -> Walls:
+    """Walls of an occupancy raster (h, w) whose cell [0, 0] has its lower left corner at `origin_m` (x, y)."""
+    cells = np.argwhere(raster == OCCUPIED)
+    reach = max(round(WINDOW_M / resolution), 2)
+    offsets, normals, straightness, sided = _lines(np.pad(raster, reach, constant_values=UNKNOWN), cells, reach)
+    centres = origin_m + (cells[:, ::-1] + 0.5) * resolution
+    return Walls(cells, centres + offsets * resolution, normals, straightness, sided)
+
+
+def nearest_wall(shape: tuple[int, ...], cells: NDArray[np.int64], resolution: float, reach_m: float) -> NearestWall:
+    """The nearest of the walls `cells` (n, 2) for every cell of a raster, exact up to `reach_m`."""
+    squares, wall = _stamp(shape[0], shape[1], cells, math.ceil(reach_m / resolution))
+    distance = np.sqrt(squares.astype(np.float32)) * np.float32(resolution)
+    distance[wall < 0] = FAR_M
+    return NearestWall(distance, wall)
+
+
+def orientation_histogram(walls: Walls) -> NDArray[np.float64]:
+    """(360,) weight of wall by the direction of its normal, half a degree a bin, period 180 degrees."""
+    angle = np.arctan2(walls.normals[:, 1], walls.normals[:, 0]) % np.pi
+    bins = np.floor(angle * (ORIENTATION_BINS / np.pi)).astype(np.int64) % ORIENTATION_BINS
+    return np.bincount(bins, weights=walls.straightness**2, minlength=ORIENTATION_BINS).astype(np.float64)
+
+
+@njit(cache=True)
+def alike(cosine: float, straight_a: float, straight_b: float, sided_a: bool, sided_b: bool) -> bool:
+    """Whether two walls can be one: they run the same way, and face the same way if each was seen from one side."""
+    if straight_a < STRAIGHT or straight_b < STRAIGHT:
+        return True
+    if sided_a and sided_b:
+        return cosine > SAME_WAY
+    return abs(cosine) > SAME_WAY
+
+
+@njit(cache=True)
+def _lines(
+    raster: NDArray[np.int8], cells: NDArray[np.int64], reach: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """(offsets (n, 2) cells to the line, normals (n, 2), straightness, sided); `raster` is padded by `reach`."""
+    n = len(cells)
+    offsets, normals, straightness, sided = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n), np.zeros(n, np.bool_)
+    for k in range(n):
+        row, column = cells[k, 0] + reach, cells[k, 1] + reach
+        count, sx, sy, sxx, syy, sxy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for dy in range(-reach, reach + 1):
+            for dx in range(-reach, reach + 1):
+                if raster[row + dy, column + dx] == OCCUPIED and dx * dx + dy * dy <= reach * reach:
+                    count += 1.0
+                    sx, sy = sx + dx, sy + dy
+                    sxx, syy, sxy = sxx + dx * dx, syy + dy * dy, sxy + dx * dy
+        mx, my = sx / count, sy / count
+        vxx, vyy, vxy = sxx / count - mx * mx, syy / count - my * my, sxy / count - mx * my
+        across = 0.5 * math.atan2(2.0 * vxy, vxx - vyy) + 0.5 * math.pi
+        nx, ny = math.cos(across), math.sin(across)
+        shift = min(max(nx * mx + ny * my, -1.0), 1.0)
+        offsets[k, 0], offsets[k, 1] = shift * nx, shift * ny
+        front, back = _free_sides(raster, row, column, reach, nx, ny)
+        if back > front:
+            front, back, nx, ny = back, front, -nx, -ny
+        sided[k] = back < ONE_SIDED * front
+        normals[k, 0], normals[k, 1] = nx, ny
+        spread = vxx + vyy
+        if spread > 0.0:
+            straightness[k] = math.sqrt((vxx - vyy) ** 2 + 4.0 * vxy * vxy) / spread
+    return offsets, normals, straightness, sided
+
+
+@njit(cache=True)
+def _free_sides(raster: NDArray[np.int8], row: int, column: int, reach: int, nx: float, ny: float) -> tuple[int, int]:
+    """Free cells before and behind the line through a cell with the normal (nx, ny)."""
+    front, back = 0, 0
+    for dy in range(-reach, reach + 1):
+        for dx in range(-reach, reach + 1):
+            if raster[row + dy, column + dx] == FREE:
+                side = nx * dx + ny * dy
+                if side > 1.0:
+                    front += 1
+                elif side < -1.0:
+                    back += 1
+    return front, back
+
+
+@njit(cache=True)
+def _stamp(
+    height: int, width: int, cells: NDArray[np.int64], reach: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """(squared distance in cells, index) of the nearest wall within reach, of equals the first."""
+    squares = np.full((height, width), np.int32(1 << 30))
+    wall = np.full((height, width), np.int32(-1))
+    for k in range(len(cells)):
+        row, column = cells[k, 0], cells[k, 1]
+        for y in range(max(0, row - reach), min(height, row + reach + 1)):
+            rest = reach * reach - (y - row) * (y - row)
+            for x in range(max(0, column - reach), min(width, column + reach + 1)):
+                across = (x - column) * (x - column)
+                square = across + (y - row) * (y - row)
+                if across <= rest and square < squares[y, x]:
+                    squares[y, x] = square
+                    wall[y, x] = k
+    return squares, wall

@@ -1,0 +1,73 @@
+"""Small drawn worlds, and what a robot would map of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from common.fusion.matchmap import MatchMap
+from common.geometry import compose, inverse
+from common.grid import Grid
+from common.grid.render import render
+
+RESOLUTION = 0.05
+Counts = NDArray[np.uint16]
+
+
+def blank(width_m: float, height_m: float) -> Counts:
+    """Free space with an outer wall and a border of unknown."""
+    h, w = round(height_m / RESOLUTION), round(width_m / RESOLUTION)
+    counts = np.zeros((2, h + 20, w + 20), np.uint16)
+    counts[1, 10 : h + 10, 10 : w + 10] = 20
+    for wall in (np.s_[10, 10 : w + 10], np.s_[h + 9, 10 : w + 10], np.s_[10 : h + 10, 10], np.s_[10 : h + 10, w + 9]):
+        counts[0][wall] = 20
+    return counts
+
+
+def wall(counts: Counts, x0: float, y0: float, x1: float, y1: float) -> None:
+    """A straight wall, metres from the lower left corner of the room."""
+    n = int(2 * max(abs(x1 - x0), abs(y1 - y0)) / RESOLUTION) + 1
+    columns = np.round(np.linspace(x0, x1, n) / RESOLUTION).astype(int) + 10
+    rows = np.round(np.linspace(y0, y1, n) / RESOLUTION).astype(int) + 10
+    counts[0, rows, columns] = counts[1, rows, columns]
+
+
+def apartment(seed: int, width_m: float = 16.0, height_m: float = 12.0) -> Counts:
+    """Rooms off a corridor, doors and furniture where the seed puts them."""
+    rng = np.random.default_rng(seed)
+    counts = blank(width_m, height_m)
+    low, high = height_m * rng.uniform(0.3, 0.4), height_m * rng.uniform(0.5, 0.62)
+    for side, y in ((0.0, low), (height_m, high)):
+        x = 0.0
+        while x < width_m - 2:
+            width = rng.uniform(2.2, 4.5)
+            door = rng.uniform(0.3, max(0.4, width - 1.2))
+            wall(counts, x, y, x + door, y)
+            wall(counts, min(x + door + 0.9, width_m), y, min(x + width, width_m), y)
+            wall(counts, min(x + width, width_m), min(side, y), min(x + width, width_m), max(side, y))
+            x += width
+    for _ in range(14):
+        x, y = rng.uniform(0.5, width_m - 2), rng.uniform(0.5, height_m - 2)
+        dx, dy = rng.uniform(0.3, 1.3, 2)
+        for ends in ((x, y, x + dx, y), (x, y + dy, x + dx, y + dy), (x, y, x, y + dy), (x + dx, y, x + dx, y + dy)):
+            wall(counts, *ends)
+    return counts
+
+
+def mapped(counts: Counts, frame: ArrayLike, window_m: tuple[float, float] | None = None, seed: int = 0) -> MatchMap:
+    """What a robot whose map frame has the pose `frame` in the world maps of it: between two x, with ragged walls."""
+    rng = np.random.default_rng(seed)
+    seen = counts.copy()
+    if window_m is not None:
+        x0, x1 = (round(x / RESOLUTION) + 10 for x in window_m)
+        seen[:, :, :x0] = 0
+        seen[:, :, x1:] = 0
+    missed = (seen[0] > 0) & (rng.random(seen[0].shape) < 0.1)
+    seen[0][missed] = 0
+    grid = Grid.from_dense(seen, (-10, -10), RESOLUTION)
+    return MatchMap.from_grid(render(grid, inverse(frame), RESOLUTION))
+
+
+def moved(pose: ArrayLike, by: ArrayLike) -> NDArray[np.float64]:
+    """A pose moved by a step in its own frame."""
+    return compose(pose, by)
