@@ -2,23 +2,38 @@
 
 from __future__ import annotations
 
-import asyncio
+import subprocess
+import sys
 import uuid
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 
 import pytest
 
-from common.bus import Bus, Router
+from common.bus import Bus
 
 OpenBus = Callable[..., Awaitable[Bus]]
 
+ROUTER = """
+import asyncio, sys
+from common.bus import Router
+
+async def main():
+    async with await Router.open() as router:
+        print(router.endpoint, flush=True)
+        await asyncio.to_thread(sys.stdin.read)
+
+asyncio.run(main())
+"""
+
 
 @pytest.fixture(scope="module")
-def router() -> Iterator[Router]:
-    """A router inside this process, on a free port."""
-    router = asyncio.run(Router.open())
-    yield router
-    asyncio.run(router.close())
+def endpoint() -> Iterator[str]:
+    """Where a router listens that is a process of its own, as in a real cluster."""
+    command = [sys.executable, "-c", ROUTER]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+        process.kill()
 
 
 @pytest.fixture
@@ -28,12 +43,12 @@ def root() -> str:
 
 
 @pytest.fixture
-async def open_bus(router: Router, root: str) -> AsyncIterator[OpenBus]:
+async def open_bus(endpoint: str, root: str) -> AsyncIterator[OpenBus]:
     """`await open_bus("name", ...)`: a bus on the module's router under the test's root."""
     buses: list[Bus] = []
 
     async def open_one(name: str = "test", **settings: object) -> Bus:
-        settings = {"endpoint": router.endpoint, "root": root, "role": "test", **settings}
+        settings = {"endpoint": endpoint, "root": root, "role": "test", **settings}
         buses.append(await Bus.open(name=name, **settings))  # type: ignore[arg-type]
         return buses[-1]
 

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 from types import TracebackType
 
 import zenoh
 
 from common.bus.settings import router_config
 from common.errors import UsageError
+
+RUNTIME = "(rx: (worker_threads: 8))"
+"""Routing a blocking message to a slow reader holds one of Zenoh's receiving threads, two by default: with both held,
+nothing moves, not even in other sessions of the same process, which share them."""
 
 
 class Router:
@@ -22,7 +27,11 @@ class Router:
 
     @classmethod
     async def open(cls, listen: str = "tcp/127.0.0.1:0", *, name: str = "recslam-router") -> Router:
-        """Listen on `listen`; port 0 takes a free one. Raises UsageError when it cannot listen there."""
+        """Listen on `listen`; port 0 takes a free one. Raises UsageError when it cannot listen there.
+
+        Best the first use of Zenoh in its process, which settles the number of threads for all.
+        """
+        os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
         try:
             session = await asyncio.to_thread(zenoh.open, router_config(listen, name=name))
         except zenoh.ZError as error:

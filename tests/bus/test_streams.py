@@ -9,7 +9,7 @@ import pytest
 import zenoh
 from probes import OpenBus, Start, frame, hear, introduce, number, real, routes
 
-from common.bus import Bus, Received, Router, Stream, keys
+from common.bus import Bus, Received, Stream, keys
 from common.bus.settings import node_config
 from common.errors import BadMessage, UsageError
 from common.wire import Frame, FramePage
@@ -55,7 +55,7 @@ async def test_a_slow_consumer_loses_the_oldest_counted_and_stalls_nobody(open_b
         if seq % 20 == 0:  # in step with the other stream: it is never behind, however full the slow one is
             await hear(robot, keys.edge_pose("e1", "r1"), routes(seq), quick)
     assert slow.dropped > 1000
-    while edge.counters.dropped != slow.dropped:  # told on the loop, a turn later
+    while edge.counters.dropped != slow.dropped:  # noqa: ASYNC110  told on the loop, a turn later
         await asyncio.sleep(0)
     assert quick.dropped == 0
     assert len(slow) == 16
@@ -68,12 +68,12 @@ async def test_a_slow_consumer_loses_the_oldest_counted_and_stalls_nobody(open_b
 
 
 async def test_a_bad_payload_is_counted_named_and_skipped(
-    open_bus: OpenBus, router: Router, root: str, caplog: pytest.LogCaptureFixture
+    open_bus: OpenBus, endpoint: str, root: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     robot, edge = await open_bus("robot"), await open_bus("edge")
     stream = edge.subscribe(keys.robot_frames("*"))
     await introduce(robot, keys.robot_frames("r1"), stream)
-    stranger = zenoh.open(node_config(router.endpoint, name="stranger", role="test", connect_s=2))
+    stranger = zenoh.open(node_config(endpoint, name="stranger", role="test", connect_s=2))
     try:
         for payload in (b"", b"junk", bytes(MAX_MESSAGE_BYTES + 1)):
             stranger.put(f"{root}/robot/bad/frames", payload, congestion_control=zenoh.CongestionControl.BLOCK)
@@ -90,12 +90,12 @@ async def test_a_bad_payload_is_counted_named_and_skipped(
 
 
 async def test_a_put_never_waits_for_a_stopped_reader(
-    open_bus: OpenBus, router: Router, root: str, start: Start
+    open_bus: OpenBus, endpoint: str, root: str, start: Start
 ) -> None:
     robot, edge = await open_bus("robot"), await open_bus("edge")
     healthy = edge.subscribe(keys.robot_frames("*"))
     await introduce(robot, keys.robot_frames("r1"), healthy)
-    holder, ready = start("hold", router.endpoint, root)
+    holder, ready = start("hold", endpoint, root)
     assert ready == "ready"
     os.kill(holder.pid, signal.SIGSTOP)
     for seq in range(400):  # 40 MB: more than all buffers on the way to the stopped reader
@@ -135,14 +135,14 @@ async def test_a_closed_stream_ends_and_leaves_the_others(open_bus: OpenBus) -> 
     assert number(await anext(other)) == 1
 
 
-async def test_closing_the_bus_ends_all_streams_and_threads(router: Router, root: str) -> None:
+async def test_closing_the_bus_ends_all_streams_and_threads(endpoint: str, root: str) -> None:
     before = set(threading.enumerate())
 
     async def count(stream: Stream[Received]) -> int:
         return len([received async for received in stream])
 
     for _ in range(20):
-        async with await Bus.open(router.endpoint, name="a", role="test", root=root) as bus:
+        async with await Bus.open(endpoint, name="a", role="test", root=root) as bus:
             streams = [bus.subscribe("**"), bus.watch("**"), bus.watch("edge/**")]
             events = [bus.watch_alive("**"), bus.watch_link()]
             await bus.latch(keys.SCHEDULER_ROUTES, routes(1))
