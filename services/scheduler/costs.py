@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from common.errors import UsageError
 
@@ -33,9 +33,11 @@ class FusionModel:
     m2_s: float = 2e-4
     """composing one square metre"""
 
-    def seconds(self, maps: Ints | int, area: Floats | float) -> Floats:
+    def seconds(self, maps: ArrayLike, area: ArrayLike) -> Floats:
         k = np.asarray(maps, dtype=np.float64)
-        return np.where(k > 0, self.map_s * k + self.pair_s * k * (k - 1) / 2 + self.m2_s * np.asarray(area), 0.0)
+        return np.where(
+            k > 0, self.map_s * k + self.pair_s * k * (k - 1) / 2 + self.m2_s * np.asarray(area, dtype=np.float64), 0.0
+        )
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 
 from common.errors import ConfigError
 from services.scheduler.baselines import greedy_grouping, random_balanced_grouping, random_grouping, within_reach
+from services.scheduler.completion import stages_of
 from services.scheduler.costs import Floats, Ints, Prediction, Problem, predict
+from services.scheduler.cut import least_cut
 from services.scheduler.graph import Groups, cut, quantise
 from services.scheduler.grouping import balanced_grouping
+from services.scheduler.local_search import Found, descend, kicked_search
 from services.scheduler.placement import edge_offloading
+from services.scheduler.starts import placed, sized_groups
 from services.scheduler.tabu import TabuMode
 
 
@@ -44,7 +48,8 @@ class Settings:
     kappa: int
     tau: int
     seed: int
-    time_is_up: Callable[[], bool]
+    spent: Callable[[], float]
+    """used share of the time budget"""
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,10 @@ class Choice:
     reason: str
     alternative: str = ""
 
+
+KICKS = 300
+START_SHARE = 0.5
+"""of the budget, after which no further start is descended from"""
 
 Policy = Callable[[Problem, Settings], Choice]
 
@@ -78,7 +87,7 @@ def plan(
     if policy not in POLICIES:
         raise ConfigError(f"scheduler.policy: {policy!r} is unknown; choose one of {', '.join(POLICIES)}")
     begin = clock()
-    settings = Settings(kappa, tau, seed, lambda: clock() - begin >= budget_s)
+    settings = Settings(kappa, tau, seed, lambda: (clock() - begin) / budget_s)
     choice = POLICIES[policy](problem, settings)
     return Assignment(
         slam=choice.slam,
@@ -161,6 +170,47 @@ def paper_latencies(problem: Problem, weights: NDArray[np.float64], groups: Grou
     return latencies
 
 
+def cut_policy(problem: Problem, settings: Settings) -> Choice:
+    """Equal groups of the least cut, placed as well as can be."""
+    weights, rng = quantise(problem.weights), np.random.default_rng(settings.seed)
+    found = least_cut(weights, len(problem.edges), rng, settings.spent)
+    reason = f"groups of equal size with the {'least cut there is' if found.proven else 'smallest cut found'}"
+    return together(problem, placed(problem, found.groups), f"{reason}, placed by exact bottleneck assignment")
+
+
+def recslam_policy(problem: Problem, settings: Settings) -> Choice:
+    """The least predicted t_c: local search from several starts, one of them the paper's plan, none worse than it."""
+    weights, rng = quantise(problem.weights), np.random.default_rng(settings.seed)
+    groups = balanced_grouping(weights, len(problem.edges), settings.kappa, settings.tau)
+    edges = {
+        "paper": edge_offloading(paper_latencies(problem, weights, groups))[groups],
+        "paper's groups, best placed": placed(problem, groups),
+        "groups sized by edge": sized_groups(problem, weights, rng),
+    }
+    starts = {name: together(problem, edge, "") for name, edge in edges.items()}
+    starts["as it is"] = static_policy(problem, settings)
+    times = {name: predict(problem, start.slam, start.fuse).total for name, start in starts.items()}
+    stages = stages_of(problem)
+    found: dict[str, Found] = {}
+    for name in sorted(times, key=times.__getitem__):
+        if found and settings.spent() >= START_SHARE:
+            break
+        found[name] = descend(stages, starts[name].slam, starts[name].fuse, settings.spent)
+    first = min(found, key=lambda name: found[name].total)
+    best = kicked_search(stages, found[first], KICKS, rng, settings.spent)
+    return _verdict(problem, best, first, times, starts)
+
+
+def _verdict(problem: Problem, best: Found, first: str, times: dict[str, float], starts: dict[str, Choice]) -> Choice:
+    """The search's result, unless a start is better by the letter of the prediction."""
+    total = predict(problem, best.slam, best.fuse).total
+    name = min(times, key=times.__getitem__)
+    others = ", ".join(f"{each} {seconds:.3f} s" for each, seconds in sorted(times.items(), key=lambda item: item[1]))
+    if times[name] <= total:
+        return Choice(starts[name].slam, starts[name].fuse, f"nothing better than {name!r} was found", others)
+    return Choice(best.slam, best.fuse, f"least predicted completion time, searched from {first!r}", others)
+
+
 POLICIES: dict[str, Policy] = {
     "random": random_policy,
     "random-balanced": random_balanced_policy,
@@ -168,4 +218,6 @@ POLICIES: dict[str, Policy] = {
     "static": static_policy,
     "paper": paper_policy("printed"),
     "paper-intended": paper_policy("intended"),
+    "cut": cut_policy,
+    "recslam": recslam_policy,
 }
