@@ -43,9 +43,11 @@ def routes(n: int, robots: int = 0) -> Routes:
 
 async def leave(endpoint: str, root: str, how: str) -> None:
     """Open, use everything, and leave in the way named."""
-    if how == "forget":
+    if how.startswith("forget"):
         await use_everything(await Bus.open(endpoint, name="leaver", role="test", root=root))
         say("ready")
+        if how == "forget-and-raise":
+            raise RuntimeError("leaving")
         return
     async with await Bus.open(endpoint, name="leaver", role="test", root=root) as bus:
         streams = await use_everything(bus)
@@ -82,7 +84,6 @@ async def route(endpoint: str, root: str) -> None:
 async def child_latches(endpoint: str, root: str) -> None:
     async with await Bus.open(endpoint, name="child", role="test", root=root) as bus:
         await bus.latch(keys.SCHEDULER_ROUTES, routes(5))
-        say("ready")
         await told_to_end()
 
 
