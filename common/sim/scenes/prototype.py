@@ -19,13 +19,13 @@ PLACES: dict[str, Point] = {
 }  # fmt: skip
 
 ROUTES = {
-    "left": "ca lf la lb lc ld le ld lc lg lc lb la lf ca",
-    "centre": "rf ca lf ca cb cc cd ce cf cd cc cb cg cb ca",
-    "right": "ca rf ra rb rc rd re rd rc rg rb ra rf ca",
+    "left": "lf la lb lc ld le ld lc lg lc lb la lf ca lf",
+    "centre": "ca lf ca rf ca cb cc cd ce cf cd cc cb cg cb",
+    "right": "rf ra rb rc rd re rd rc rg rb ra rf ca rf",
 }
 
-PANELS_X = [(0.0, 1.15), (1.24, 2.5), (2.56, 3.7), (3.82, 4.9), (4.97, 6.0)]
-PANELS_Y = [(0.1, 1.3), (1.36, 2.55), (2.66, 3.9), (3.95, 5.4)]
+PANELS_X = [(0.0, 1.12), (1.25, 2.48), (2.6, 3.65), (3.85, 4.88), (5.02, 6.0)]
+PANELS_Y = [(0.1, 1.28), (1.4, 2.5), (2.7, 3.85), (4.0, 5.4)]
 
 
 def build() -> Scene:

@@ -1,9 +1,11 @@
-"""Two big rooms that look nothing alike, joined by a short corridor.
+"""Two big rooms that look nothing alike, joined by a corridor with two bends, so that nobody sees across.
 
 r1 and r2 stay in the west room and r3 and r4 in the east one, so nothing joins the pairs until r5 crosses over.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 from common.sim.scene import Scene
 from common.sim.scenes.places import routes_of
@@ -12,7 +14,7 @@ from common.sim.world import Plan, Point
 PLACES: dict[str, Point] = {
     "w1": (1.0, 1.0), "w2": (4.2, 1.1), "w3": (7.6, 1.2), "w4": (8.2, 4.0), "w5": (7.6, 6.3), "w6": (4.0, 6.2),
     "w7": (0.9, 6.0), "w8": (1.2, 3.6), "w9": (5.0, 3.9),
-    "door": (9.7, 4.05), "gate": (12.6, 4.05),
+    "door": (9.7, 4.05), "bend": (11.25, 4.05), "turn": (11.25, 7.35), "gate": (12.6, 7.35), "e0": (14.0, 7.4),
     "e1": (14.0, 4.2), "e2": (14.0, 1.0), "e3": (17.5, 1.1), "e4": (20.9, 1.2), "e5": (21.0, 5.0), "e6": (20.8, 9.0),
     "e7": (17.4, 8.9), "e8": (13.8, 8.8), "e9": (17.0, 4.6),
 }  # fmt: skip
@@ -22,7 +24,7 @@ ROUTES = {
     "r2": "w5 w6 w7 w8 w9 w4 w5 w6 w9 w2 w3 w4",
     "r3": "e2 e3 e4 e5 e9 e1 e2 e3 e9 e5 e4",
     "r4": "e8 e7 e6 e5 e9 e1 e8 e7 e9 e1",
-    "r5": "w7 w8 w9 w4 door gate e1 e9 e5 e6 e7 e8 e1 gate door w4",
+    "r5": "w7 w8 w9 w4 door bend turn gate e0 e1 e9 e5 e6 e7 e8 e0 gate turn bend",
 }
 
 
@@ -32,12 +34,14 @@ def build() -> Scene:
     plan.wall((9, 0), (9, 7.2), doors=[(3.35, 4.75)], thickness=0.15)
     plan.wall((9, 7.2), (0, 7.2), thickness=0.15)
     plan.wall((0, 7.2), (0, 0), thickness=0.15)
-    plan.wall((9, 3.3), (13, 3.3), thickness=0.1)
-    plan.wall((9, 4.8), (13, 4.8), thickness=0.1)
+    south, north = [(9, 3.3), (12, 3.3), (12, 6.6), (13, 6.6)], [(9, 4.8), (10.5, 4.8), (10.5, 8.1), (13, 8.1)]
+    for bends in (south, north):
+        for start, end in pairwise(bends):
+            plan.wall(start, end, thickness=0.1)
     plan.wall((13, 0), (22, 0), thickness=0.15)
     plan.wall((22, 0), (22, 10), thickness=0.15)
     plan.wall((22, 10), (13, 10), thickness=0.15)
-    plan.wall((13, 10), (13, 0), doors=[(5.25, 6.65)], thickness=0.15)
+    plan.wall((13, 10), (13, 0), doors=[(1.95, 3.35)], thickness=0.15)
     _west(plan)
     _east(plan)
     return Scene("two_rooms", plan.world(), PLACES["w9"], routes_of(PLACES, ROUTES))
