@@ -44,11 +44,14 @@ KINDS: dict[str, type[Message]] = {kind.__name__: kind for kind in AnyMessage.__
 
 
 def encode(message: Message) -> bytes:
-    """The message as bytes. Raises BadMessage when it is larger than the wire allows."""
+    """The message as bytes. Raises BadMessage when it is larger than the wire allows, or holds what cannot travel."""
     kind = type(message).__name__
     if kind not in KINDS:
         raise BadMessage(f"{kind} is not a message that travels")
-    data: bytes = msgpack.packb([VERSION, kind, plain(message)], default=_default)
+    try:
+        data: bytes = msgpack.packb([VERSION, kind, plain(message)], default=_default)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise BadMessage(f"{kind} holds something that does not travel: {error}") from error
     if len(data) > MAX_MESSAGE_BYTES:
         raise BadMessage(f"{kind} of {len(data)} bytes is over the limit of {MAX_MESSAGE_BYTES}; send it in pages")
     return data
@@ -63,8 +66,8 @@ def decode(data: bytes, sender: str = "") -> Message:
             data,
             ext_hook=_ext,
             use_list=False,
-            max_array_len=MAX_ITEMS,
-            max_map_len=MAX_ITEMS,
+            max_array_len=min(MAX_ITEMS, len(data)),  # an item takes a byte at least
+            max_map_len=min(MAX_ITEMS, len(data)),
             max_str_len=MAX_TEXT_BYTES,
             max_ext_len=MAX_MESSAGE_BYTES,
             max_bin_len=MAX_MESSAGE_BYTES,
@@ -74,7 +77,7 @@ def decode(data: bytes, sender: str = "") -> Message:
     if not (isinstance(parts, tuple) and len(parts) == 3):
         raise BadMessage("not a [version, kind, fields] triple", sender)
     version, kind, fields = parts
-    if version != VERSION:
+    if version != VERSION or version is True:
         raise BadMessage(f"wire version {version!r}, this program speaks {VERSION}; upgrade the older side", sender)
     if not isinstance(kind, str) or kind not in KINDS:
         raise BadMessage(f"unknown kind {kind!r}", sender)

@@ -60,6 +60,10 @@ class PairVerdict(Part):
     """robot map versions that were compared"""
     transform: PoseTuple | None = None
     """pose of b's map frame in a's"""
+    information: tuple[float, ...] | None = None
+    """inverse covariance of the transform (3 x 3, row by row; m and rad)"""
+    final: bool = False
+    """decided from the final maps of both, from nothing else"""
     overlap: float = 0.0
     """|A∩B| / (|A|+|B|) over known cells, 0 to 0.5 (the paper's overlapping degree)"""
     agreement: float = 0.0
