@@ -23,6 +23,12 @@ COAST_S = 0.6
 """a velocity says nothing about times further off than this"""
 SPEED_BASE_S = 0.1
 """samples closer than this give no velocity: their stamps jitter"""
+MAX_SPEED = 3.0
+"""m/s; what goes faster is a bunched stamp or an odometry that was reset"""
+JUMP_M = 1.0
+"""m by which odometry may break that limit between two frames, whatever their stamps"""
+HISTORY = 8
+"""frames over which odometry may have stalled and then catches up"""
 BIAS_MEMORY_S = 20.0
 """the gyro's bias follows the matched rotation with this time constant"""
 BIAS_LIMIT = 0.2
@@ -43,22 +49,40 @@ class DeadReckoning:
         """rad/s"""
         self.bias_age = 0.0
         """s of motion that the bias was learned from"""
+        self.at: NDArray[np.float64] | None = None
+        """(3,) the odometry's pose at that frame; None where it had none"""
+        self.history = np.empty((0, 6))
+        """(k, 6) of the latest frames: where odometry was at the frame before each, and the motion taken since"""
         self._dt = 0.0
         self._gyro_yaw: float | None = None
+        self._was_at: NDArray[np.float64] | None = None
 
     def advance(self, frame: Frame) -> tuple[NDArray[np.float64], bool]:
-        """The motion (3,) since the frame before, in that frame's base, and whether odometry measured it."""
+        """The motion (3,) since the frame before, in that frame's base, and whether odometry measured it.
+
+        Stamps may bunch or step back: odometry that has a sample at the frame's stamp is right all the same.
+        """
         before, now = self.stamp, frame.stamp
+        was_at = self._was_at = self.at
         if before is None or now < before:
             self.odometry = self.imu = NO_SAMPLES
         start = now if before is None else min(before, now)
         self.odometry = _extend(self.odometry, frame.odometry, start)
         self.imu = _extend(self.imu, frame.imu, start)
         self.stamp, self._dt = now, (0.0 if before is None else now - before)
+        self.at = _pose_at(self.odometry, now)
         self._gyro_yaw = None
-        if before is None or self._dt <= 0.0:
+        if before is None:
             return np.zeros(3), False
-        return self._between(before, now)
+        motion = self._coasted() if self.at is None or was_at is None else between(was_at, self.at)
+        measured = self.at is not None and was_at is not None
+        if measured and np.hypot(motion[0], motion[1]) > JUMP_M + MAX_SPEED * max(self._dt, 0.0):
+            motion, measured = self._coasted(), False
+        if self._dt > 0.0 and _covers(self.imu, before, now):
+            yaw = self._gyro_yaw = self._yaw(before, now)
+            motion = compose(np.array([0.0, 0.0, (yaw - motion[2]) / 2]), motion)
+            motion[2] = wrap(yaw)
+        return motion, measured
 
     def within(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Poses (k, 3) of the base at `times` (k,) seconds near the last stamp, in the base at that stamp."""
@@ -73,11 +97,27 @@ class DeadReckoning:
             poses[:, 2] = [self._yaw(self.stamp, time) for time in times]
         return poses
 
-    def learn(self, motion: NDArray[np.float64]) -> None:
-        """Take the matched motion (3,) since the frame before: the velocity, and what the gyro was off by."""
-        if self._dt <= 0.0:
+    def alternatives(self) -> NDArray[np.float64]:
+        """Other motions (k, 3) that are worth a try: going on as before, and odometry catching up after a stall."""
+        others = [self._coasted()]
+        if len(self.history) and self.at is not None:
+            travelled = self.history[0, 3:]
+            for motion in self.history[1:, 3:]:
+                travelled = compose(travelled, motion)
+            others.append(between(travelled, between(self.history[0, :3], self.at)))
+        return np.array(others)
+
+    def learn(self, motion: NDArray[np.float64], matched: bool = True) -> None:
+        """Tell the motion (3,) since the frame before that was settled on: by matching, or for want of a match."""
+        if self._was_at is None or self.at is None:
+            self.history = self.history[:0]
+        else:
+            self.history = np.vstack([self.history[1 - HISTORY :], np.concatenate([self._was_at, motion])])
+        if self._dt <= 0.0 or not matched:
             return
-        self.velocity = motion / self._dt if self._dt <= COAST_S * 2 else np.zeros(3)
+        self.velocity = motion / self._dt
+        if self._dt > 2 * COAST_S or np.hypot(self.velocity[0], self.velocity[1]) > MAX_SPEED:
+            self.velocity = np.zeros(3)
         if self._gyro_yaw is None:
             return
         error = float(wrap(self._gyro_yaw - motion[2])) / self._dt
@@ -89,6 +129,8 @@ class DeadReckoning:
         """Everything that the next frame depends on, as msgpack and arrays take it."""
         return {
             "stamp": self.stamp,
+            "at": self.at,
+            "history": self.history,
             "odometry": self.odometry,
             "imu": self.imu,
             "velocity": self.velocity,
@@ -101,24 +143,13 @@ class DeadReckoning:
         """The inverse of `state`."""
         self = cls()
         self.stamp, self.bias, self.bias_age = state["stamp"], state["bias"], state["bias_age"]
+        self.at, self.history = state["at"], state["history"]
         self.odometry, self.imu, self.velocity = state["odometry"], state["imu"], state["velocity"]
         return self
 
-    def _between(self, before: float, now: float) -> tuple[NDArray[np.float64], bool]:
-        measured = _covers(self.odometry, before, now)
-        if measured:
-            track = _coasting(self.odometry)
-            poses = interpolate(track[:, 0], track[:, 1:], np.array([before, now]))
-            motion = between(poses[0], poses[1])
-        else:
-            motion = self.velocity * self._dt if self._dt <= COAST_S else np.zeros(3)
-        if _covers(self.imu, before, now):
-            yaw = self._yaw(before, now)
-            self._gyro_yaw = yaw
-            half = np.array([0.0, 0.0, (yaw - motion[2]) / 2])
-            motion = compose(half, motion)
-            motion[2] = wrap(yaw)
-        return motion, measured
+    def _coasted(self) -> NDArray[np.float64]:
+        """The motion (3,) since the frame before if the velocity went on; none across a pause."""
+        return self.velocity * self._dt if 0.0 < self._dt <= COAST_S else np.zeros(3)
 
     def _yaw(self, start: float, end: float) -> float:
         """The gyro's rotation from `start` to `end`, bias taken off, rad."""
@@ -131,14 +162,27 @@ class DeadReckoning:
 
 
 def _extend(old: Samples, new: Samples | None, start: float) -> Samples:
-    """Samples with rising stamps, cut so that one at or before `start` is still among them."""
+    """Samples with rising stamps, the last of equal ones, cut so that one at or before `start` is still among them."""
     if new is not None and len(new):
         new = new[np.isfinite(new).all(axis=1)]
         joined = np.concatenate([old, new]) if len(old) else new
-        rising = joined[:, 0] > np.concatenate([[-np.inf], np.maximum.accumulate(joined[:-1, 0])])
-        old = joined[rising]
+        ordered = joined[joined[:, 0] >= np.maximum.accumulate(joined[:, 0])]
+        old = ordered[np.append(ordered[1:, 0] > ordered[:-1, 0], True)]
     keep = max(int(np.searchsorted(old[:, 0], start - SPEED_BASE_S, side="right")) - 1, 0)
     return old[keep:]
+
+
+def _pose_at(odometry: Samples, stamp: float) -> NDArray[np.float64] | None:
+    """The odometry's pose (3,) at `stamp`, by a sample at it or by samples around it; None where there are none."""
+    if not len(odometry):
+        return None
+    exact = int(np.searchsorted(odometry[:, 0], stamp))
+    if exact < len(odometry) and odometry[exact, 0] == stamp:
+        return odometry[exact, 1:].copy()
+    if not _covers(odometry, stamp, stamp):
+        return None
+    track = _coasting(odometry)
+    return interpolate(track[:, 0], track[:, 1:], np.array([stamp]))[0]
 
 
 def _covers(samples: Samples, start: float, end: float) -> bool:

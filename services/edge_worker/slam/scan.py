@@ -32,6 +32,8 @@ class Scan:
     """(3,) dead-reckoned motion since the frame before, in that frame's base: m, m, rad"""
     measured: bool
     """odometry measured the motion; False: it is a guess of constant velocity (with the gyro's yaw, if any)"""
+    alternatives: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 3)))
+    """(k, 3) other motions to try where this one leads nowhere"""
     points: Points = field(default_factory=lambda: NO_POINTS)
     """(n, 2) where beams ended, m"""
     beams: NDArray[np.int32] = field(default_factory=lambda: np.empty(0, np.int32))
@@ -54,9 +56,10 @@ class ScanReader:
     def read(self, frame: Frame) -> Scan:
         """The scan of the next frame. A frame without a usable beam gives a scan without points."""
         motion, measured = self.reckoning.advance(frame)
+        others = self.reckoning.alternatives()
         scan = frame.scan
         if scan is None or len(scan.ranges) == 0:
-            return Scan(frame.stamp, motion, measured)
+            return Scan(frame.stamp, motion, measured, others)
         start, times, poses = self._sweep(frame, scan)
         ends, beams, silent = project(
             scan.metres().astype(np.float64),
@@ -72,11 +75,14 @@ class ScanReader:
             poses,
         )
         laser = np.array(scan.mount[:2], np.float64)
-        return Scan(frame.stamp, motion, measured, ends, beams, silent, laser)
+        return Scan(frame.stamp, motion, measured, others, ends, beams, silent, laser)
 
-    def learn(self, motion: NDArray[np.float64]) -> None:
-        """Tell the motion (3,) since the frame before that matching found, in that frame's base."""
-        self.reckoning.learn(motion)
+    def learn(self, motion: NDArray[np.float64], matched: bool = True) -> None:
+        """Tell the motion (3,) since the frame before that was settled on, in that frame's base; for every frame.
+
+        `matched`: by matching the scan, not for want of a match.
+        """
+        self.reckoning.learn(motion, matched)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next scan depends on, as msgpack and arrays take it."""

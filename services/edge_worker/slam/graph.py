@@ -1,0 +1,127 @@
+"""Graph SLAM: scans tracked in a sliding local map, keyframes in a pose graph, loops through submaps.
+
+Per frame: dead reckoning predicts, a correlative search makes the prediction safe, point-to-line ICP makes it
+exact. Per keyframe: the local map grows, a loop is looked for. Loops correct the graph, and everything that
+hangs on keyframes (local map, robot map, trajectory) follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.geometry import between, compose
+from common.grid import Grid
+from common.wire import Frame
+from services.edge_worker.slam import graph_settings, graph_snapshot
+from services.edge_worker.slam.graph_settings import GraphSettings
+from services.edge_worker.slam.kernel import Estimate
+from services.edge_worker.slam.keyframe import Keyframe
+from services.edge_worker.slam.loop_closer import LoopCloser
+from services.edge_worker.slam.pose_graph import PoseGraph
+from services.edge_worker.slam.rendering import Rendering
+from services.edge_worker.slam.scan import Scan, ScanReader
+from services.edge_worker.slam.tracker import Match, Tracker
+from services.edge_worker.slam.trajectory import Trajectory
+
+OPTIMISE_EVERY = 8
+"""loops between optimisations, if none moves much"""
+MOVES_M, MOVES_RAD = 0.05, 0.01
+"""a loop that moves its keyframe further is worked in at once"""
+ITERATIONS = 3
+FINAL_ITERATIONS = 15
+LOST_SHARE = 5.0
+"""keyframe distances that dead reckoning bridges before a scan without a match becomes a keyframe"""
+
+
+class GraphSlam:
+    """One robot's SLAM; keeps services.edge_worker.slam.kernel.Kernel."""
+
+    def __init__(self, settings: GraphSettings) -> None:
+        self.settings = settings
+        self.reader = ScanReader(settings.range_m, settings.clear_m)
+        self.tracker = Tracker(settings)
+        self.graph = PoseGraph()
+        self.keyframes: list[Keyframe] = []
+        self.closer = LoopCloser(settings)
+        self.rendering = Rendering(settings.resolution_m)
+        self.track = Trajectory()
+        self.pose = np.zeros(3)
+        self.pending = 0
+        """loops that wait for an optimisation"""
+
+    @classmethod
+    def create(cls, settings: Mapping[str, Any], seed: int) -> GraphSlam:
+        """A new kernel; `seed` is not used, as nothing is random. Raises ConfigError naming the field."""
+        return cls(graph_settings.read(settings))
+
+    def process(self, frame: Frame) -> Estimate:
+        scan = self.reader.read(frame)
+        if not self.keyframes:
+            self._add_keyframe(scan, None)
+            self.track.append(scan.stamp, 0, np.zeros(3))
+            return Estimate(self.pose.copy(), len(scan.points) >= self.settings.min_points)
+        match = self.tracker.match(scan, self.pose)
+        self.reader.learn(between(self.pose, match.pose), match.matched)
+        self.pose = match.pose
+        if self._is_new_place(match):
+            self._add_keyframe(scan, match)
+            self._close_loops()
+        newest = len(self.keyframes) - 1
+        self.track.append(scan.stamp, newest, between(self.graph.poses[newest], self.pose))
+        return Estimate(self.pose.copy(), match.matched)
+
+    def finish(self) -> None:
+        self._correct(FINAL_ITERATIONS)
+
+    def map(self) -> Grid:
+        return self.rendering.update(self.keyframes, self.graph.poses)
+
+    def trajectory(self) -> NDArray[np.float64]:
+        return self.track.rows(self.graph.poses)
+
+    def snapshot(self) -> bytes:
+        return graph_snapshot.write(self)
+
+    def restore(self, data: bytes) -> None:
+        graph_snapshot.read(data, self)
+
+    def _is_new_place(self, match: Match) -> bool:
+        """Far enough from the last keyframe? A scan that did not match must not fork the map before it has to."""
+        moved = between(self.graph.poses[-1], match.pose)
+        share = max(np.hypot(moved[0], moved[1]) / self.settings.keyframe_m, abs(moved[2]) / self.settings.keyframe_rad)
+        return bool(share > (1.0 if match.matched else LOST_SHARE))
+
+    def _add_keyframe(self, scan: Scan, match: Match | None) -> None:
+        keyframe = Keyframe.of(scan)
+        node = self.graph.add_node(self.pose)
+        self.keyframes.append(keyframe)
+        if match is not None:
+            measured = between(self.graph.poses[node - 1], self.pose)
+            self.graph.add_edge(node - 1, node, measured, match.information, loop=False)
+            self.closer.travelled += float(np.hypot(measured[0], measured[1]))
+        self.tracker.add(self.keyframes, self.graph.poses)
+        if len(self.keyframes) % self.settings.submap_keyframes == 0:
+            self.closer.finish_submap(self.graph, node)
+
+    def _close_loops(self) -> None:
+        loops = self.closer.look(self.graph, self.keyframes)
+        for loop in loops:
+            self.graph.add_edge(loop.anchor, loop.keyframe, loop.measured, loop.information, loop=True)
+        self.pending += len(loops)
+        far = any(loop.correction[0] > MOVES_M or loop.correction[1] > MOVES_RAD for loop in loops)
+        if far or self.pending >= OPTIMISE_EVERY:
+            self._correct(ITERATIONS)
+
+    def _correct(self, iterations: int) -> None:
+        if not self.keyframes or not self.pending:
+            return
+        relative = between(self.graph.poses[-1], self.pose)
+        self.graph.optimise(iterations)
+        self.pose = compose(self.graph.poses[-1], relative)
+        self.tracker.rebuild(self.keyframes, self.graph.poses)
+        self.closer.reshape(self.graph)
+        self.pending = 0

@@ -1,0 +1,143 @@
+"""A `graph` kernel as bytes and back: msgpack of [header, body], the body zstd of msgpack with tagged arrays.
+
+What can be computed again (normals, local map, submaps laid out, the robot map) is not in it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING, Any
+
+import msgpack
+import numpy as np
+import zstandard
+
+from common.errors import SnapshotRefused
+from common.wire.arrays import EXT_ARRAY, pack_array, unpack_array
+from services.edge_worker.slam.graph_settings import GraphSettings
+from services.edge_worker.slam.keyframe import Keyframe, normals
+from services.edge_worker.slam.loop_closer import Loop, LoopCloser
+from services.edge_worker.slam.pose_graph import PoseGraph
+from services.edge_worker.slam.submap import Submap
+from services.edge_worker.slam.tracker import Tracker
+from services.edge_worker.slam.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from services.edge_worker.slam.graph import GraphSlam
+
+KERNEL = "graph"
+VERSION = 1
+MOST_BYTES = 1 << 30
+"""of an unpacked body"""
+
+
+def write(kernel: GraphSlam) -> bytes:
+    """The kernel's whole state."""
+    graph, closer = kernel.graph, kernel.closer
+    state = {
+        "reader": kernel.reader.state(),
+        "pose": kernel.pose,
+        "pending": kernel.pending,
+        "first": kernel.tracker.first,
+        "version": kernel.rendering.grid.version,
+        "graph": [graph.poses, graph.pairs, graph.measured, graph.information, graph.loops],
+        "track": kernel.track.state(),
+        "keyframes": _keyframes_out(kernel.keyframes),
+        "submaps": [[s.anchor, list(s.members), s.poses] for s in closer.submaps],
+        "tried": closer.tried,
+        "waiting": [[w.anchor, w.keyframe, w.measured, w.information, *w.correction] for w in closer.waiting],
+        "travelled": closer.travelled,
+    }
+    body = zstandard.ZstdCompressor(level=1).compress(msgpack.packb(state, default=_array_out))
+    header = {
+        "kernel": KERNEL,
+        "version": VERSION,
+        "settings": settings_hash(kernel.settings),
+        "sha256": hashlib.sha256(body).hexdigest(),
+    }
+    return bytes(msgpack.packb([header, body]))
+
+
+def read(data: bytes, kernel: GraphSlam) -> None:
+    """Put the state in `data` into the kernel. Raises SnapshotRefused, and then leaves the kernel as it was."""
+    body = _checked(data, kernel.settings)
+    try:
+        plain = zstandard.ZstdDecompressor().decompress(body, max_output_size=MOST_BYTES)
+        state = msgpack.unpackb(plain, ext_hook=_array_in, strict_map_key=False)
+        graph, closer = PoseGraph(), LoopCloser(kernel.settings)
+        graph.poses, graph.pairs, graph.measured, graph.information, graph.loops = state["graph"]
+        keyframes = _keyframes_in(*state["keyframes"])
+        if len(keyframes) != len(graph.poses):
+            raise ValueError(f"{len(keyframes)} keyframes, {len(graph.poses)} poses")
+        closer.submaps = [Submap(anchor, tuple(members), poses) for anchor, members, poses in state["submaps"]]
+        closer.tried, closer.travelled = state["tried"], state["travelled"]
+        closer.waiting = [Loop(a, k, z, i, (m, r)) for a, k, z, i, m, r in state["waiting"]]
+        tracker, track = Tracker(kernel.settings), Trajectory.of(state["track"])
+        tracker.first = state["first"]
+        tracker.rebuild(keyframes, graph.poses)
+        pose, pending, version, reader = state["pose"], state["pending"], state["version"], state["reader"]
+    except (KeyError, TypeError, ValueError, IndexError, zstandard.ZstdError) as error:
+        raise SnapshotRefused(f"graph: the snapshot does not hold what this program needs: {error!r}") from error
+    kernel.reader.restore(reader)
+    kernel.pose, kernel.pending, kernel.keyframes = pose, pending, keyframes
+    kernel.graph, kernel.closer, kernel.tracker, kernel.track = graph, closer, tracker, track
+    kernel.rendering.restart(version)
+
+
+def settings_hash(settings: GraphSettings) -> str:
+    return hashlib.sha256(settings.model_dump_json().encode()).hexdigest()
+
+
+def _checked(data: bytes, settings: GraphSettings) -> bytes:
+    """The body of a snapshot that this kernel can take over."""
+    try:
+        header, body = msgpack.unpackb(data, max_bin_len=MOST_BYTES)
+        name, version, made_with, checksum = (header[k] for k in ("kernel", "version", "settings", "sha256"))
+        known = isinstance(body, bytes) and isinstance(version, int)
+    except (ValueError, TypeError, KeyError, RecursionError, msgpack.exceptions.UnpackException) as error:
+        raise SnapshotRefused("graph: these bytes are no snapshot; start from the first frame") from error
+    if name != KERNEL:
+        raise SnapshotRefused(f"graph: the snapshot is of kernel {name!r}; restore it with that kernel")
+    if not known or hashlib.sha256(body).hexdigest() != checksum:
+        raise SnapshotRefused("graph: the snapshot is corrupt; take an older one, or start from the first frame")
+    if version > VERSION:
+        raise SnapshotRefused(f"graph: snapshot version {version} is newer than {VERSION}; upgrade this program")
+    if made_with != settings_hash(settings):
+        raise SnapshotRefused("graph: the snapshot was made with other settings; restore it with those")
+    return bytes(body)
+
+
+def _keyframes_out(keyframes: list[Keyframe]) -> list[Any]:
+    """Sizes (k, 2), lasers (k, 2), all points, beams and silent ends in one array each."""
+    sizes = np.array([[len(k.points), len(k.silent)] for k in keyframes], np.int32).reshape(-1, 2)
+    lasers = np.array([k.laser for k in keyframes]).reshape(-1, 2)
+    points = np.concatenate([k.points for k in keyframes] or [np.empty((0, 2), np.float32)])
+    beams = np.concatenate([k.beams for k in keyframes] or [np.empty(0, np.int32)]).astype(np.uint16)
+    silent = np.concatenate([k.silent for k in keyframes] or [np.empty((0, 2), np.float32)])
+    return [sizes, lasers, points, beams, silent]
+
+
+def _keyframes_in(sizes: Any, lasers: Any, points: Any, beams: Any, silent: Any) -> list[Keyframe]:
+    out = []
+    p = s = 0
+    for (ends_n, silent_n), laser in zip(sizes.tolist(), lasers, strict=True):
+        ends, index = points[p : p + ends_n].copy(), beams[p : p + ends_n].astype(np.int32)
+        out.append(Keyframe(ends, normals(ends, index, laser), index, silent[s : s + silent_n].copy(), laser))
+        p, s = p + ends_n, s + silent_n
+    if p != len(points) or s != len(silent):
+        raise ValueError("points left over")
+    return out
+
+
+def _array_out(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return pack_array(value)
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} is no part of a snapshot")
+
+
+def _array_in(code: int, data: bytes) -> Any:
+    if code != EXT_ARRAY:
+        raise ValueError(f"unknown extension type {code}")
+    return unpack_array(data).copy()

@@ -1,0 +1,112 @@
+"""A keyframe: a scan that is kept, with the direction of the wall at each of its points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from services.edge_worker.slam.scan import Points, Scan
+
+REACH = 2
+"""neighbours on each side that a wall's direction is fitted to"""
+GAP_BASE = 0.06
+"""m; neighbours further apart than this and `GAP_SHARE` of their distance from the laser are two things"""
+GAP_SHARE = 0.06
+MAX_ROUGHNESS = 0.03
+"""m rms off the fitted line; more is no wall"""
+
+
+@dataclass(frozen=True)
+class Keyframe:
+    """A kept scan in its base frame."""
+
+    points: Points
+    """(n, 2) m"""
+    normals: Points
+    """(n, 2) unit vectors out of the wall towards the laser; zero where there is no wall"""
+    beams: NDArray[np.int32]
+    """(n,)"""
+    silent: Points
+    """(m, 2) m"""
+    laser: NDArray[np.float64]
+    """(2,) m"""
+
+    @classmethod
+    def of(cls, scan: Scan) -> Keyframe:
+        return cls(scan.points, normals(scan.points, scan.beams, scan.laser), scan.beams, scan.silent, scan.laser)
+
+
+@njit(cache=True)
+def normals(points: Points, beams: NDArray[np.int32], laser: NDArray[np.float64]) -> Points:
+    """Unit normals (n, 2) towards the laser of lines fitted to each point and its neighbours in angle.
+
+    `points` (n, 2), `beams` (n,) rising, `laser` (2,). A point without two near neighbours, or in a rough place,
+    gets zeros.
+    """
+    n = len(points)
+    out = np.zeros((n, 2), np.float32)
+    for i in range(n):
+        first = last = i
+        while first > 0 and i - first < REACH and _joined(points, beams, laser, first - 1, first):
+            first -= 1
+        while last < n - 1 and last - i < REACH and _joined(points, beams, laser, last, last + 1):
+            last += 1
+        count = last - first + 1
+        if count < 3:
+            continue
+        mx = my = 0.0
+        for k in range(first, last + 1):
+            mx += points[k, 0]
+            my += points[k, 1]
+        mx /= count
+        my /= count
+        xx = xy = yy = 0.0
+        for k in range(first, last + 1):
+            dx, dy = points[k, 0] - mx, points[k, 1] - my
+            xx += dx * dx
+            xy += dx * dy
+            yy += dy * dy
+        spread = np.sqrt((xx - yy) ** 2 / 4 + xy * xy)
+        if np.sqrt(max((xx + yy) / 2 - spread, 0.0) / count) > MAX_ROUGHNESS:
+            continue
+        angle = 0.5 * np.arctan2(2 * xy, xx - yy) + np.pi / 2
+        nx, ny = np.cos(angle), np.sin(angle)
+        if nx * (laser[0] - points[i, 0]) + ny * (laser[1] - points[i, 1]) < 0:
+            nx, ny = -nx, -ny
+        out[i, 0], out[i, 1] = nx, ny
+    return out
+
+
+@njit(cache=True)
+def _joined(points: Points, beams: NDArray[np.int32], laser: NDArray[np.float64], i: int, j: int) -> bool:
+    """Do neighbours i and j lie on one surface?"""
+    if beams[j] - beams[i] > 2:
+        return False
+    gap = np.hypot(points[j, 0] - points[i, 0], points[j, 1] - points[i, 1])
+    away = np.hypot(points[i, 0] - laser[0], points[i, 1] - laser[1])
+    return gap <= GAP_BASE + GAP_SHARE * away
+
+
+@njit(cache=True)
+def thin(points: Points, normals: Points, spacing: float, most: int) -> NDArray[np.int64]:
+    """Indices of points at least `spacing` metres after the one kept before; all evenly thinned to `most`."""
+    kept = np.empty(len(points), np.int64)
+    n = 0
+    for i in range(len(points)):
+        if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
+            continue
+        if n > 0:
+            k = kept[n - 1]
+            if np.hypot(points[i, 0] - points[k, 0], points[i, 1] - points[k, 1]) < spacing:
+                continue
+        kept[n] = i
+        n += 1
+    if n <= most:
+        return kept[:n].copy()
+    out = np.empty(most, np.int64)
+    for i in range(most):
+        out[i] = kept[i * n // most]
+    return out

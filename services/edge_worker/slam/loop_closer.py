@@ -1,0 +1,243 @@
+"""Finding loops: the latest keyframes against finished submaps nearby, searched, refined, judged, and agreed upon.
+
+A wrong loop ruins a map and a missed one costs little, so a loop must convince: most points next to what the
+submap has hit, few in space that it saw empty, no second place that fits about as well. One that would move the
+robot further than its dead reckoning can have drifted waits until others, found apart from it, say the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from common.geometry import between, compose, wrap
+from services.edge_worker.slam.branch_and_bound import search
+from services.edge_worker.slam.graph_settings import GraphSettings
+from services.edge_worker.slam.icp import align
+from services.edge_worker.slam.keyframe import Keyframe, thin
+from services.edge_worker.slam.pose_graph import PoseGraph
+from services.edge_worker.slam.scan import Points
+from services.edge_worker.slam.submap import Submap, Target, TargetCache, evidence
+
+QUERY_KEYFRAMES = 5
+"""latest keyframes that are matched together"""
+QUERY_SPACING = 0.1
+"""m between points of one keyframe in a query"""
+SEARCH_POINTS = 120
+MATCH_POINTS = 400
+NEAR_M = 2.5
+"""a submap this near, give or take the drift, can be seen"""
+TURN_BASE, TURN_GROWTH, TURN_MAX = 0.12, 0.006, 0.6
+"""rad, rad per metre since the last loop, rad: how far the heading can be off"""
+MIN_OVERLAP = 0.45
+"""share of a query's points that must fall where the submap has looked"""
+MAX_CONFLICT = 0.12
+"""share of those points that may fall into space seen empty"""
+MIN_SCORE = 0.45
+"""mean likelihood below which a place is not refined"""
+RIVAL_SHARE = 0.93
+"""a second place with this share of the best one's score makes a loop ambiguous"""
+RIVAL_M = 0.6
+"""m between two places"""
+SMALL_M, SMALL_RAD = 0.3, 0.08
+"""corrections up to these are taken on one loop's word"""
+AGREE_M, AGREE_RAD, AGREE_SHARE = 0.1, 0.025, 0.01
+"""how well two loops must agree: m, rad, and m per metre travelled between them"""
+APART_KEYFRAMES = 4
+"""loops agree only if their keyframes are at least this far apart"""
+WITNESSES = 2
+"""loops that must agree on a large correction"""
+MEMORY_KEYFRAMES = 40
+"""how long a loop waits for another to agree"""
+BENT_M, BENT_RAD = 0.02, 0.005
+"""m, rad by which a correction must move a submap's keyframes to each other for the submap to be laid out anew"""
+FLOOR = np.diag([0.01**2, 0.01**2, 0.003**2])
+"""covariance that every loop has at least: rigid submaps are not quite what they were measured as"""
+FREE_SIGMA = (2.0, 1.0)
+"""m, rad: the prior of a loop's refinement, weak enough to leave it to the points"""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A keyframe seen from another one, of long ago."""
+
+    anchor: int
+    """the keyframe of the submap that is nearest"""
+    keyframe: int
+    measured: NDArray[np.float64]
+    """(3,) pose of the keyframe in the anchor's frame"""
+    information: NDArray[np.float64]
+    """(3, 3) in the keyframe's frame"""
+    correction: tuple[float, float]
+    """m and rad by which it would move the keyframe"""
+
+    @property
+    def small(self) -> bool:
+        return self.correction[0] <= SMALL_M and self.correction[1] <= SMALL_RAD
+
+
+@dataclass
+class LoopCloser:
+    """Submaps so far and loops that wait for agreement."""
+
+    settings: GraphSettings
+    submaps: list[Submap] = field(default_factory=list)
+    tried: list[int] = field(default_factory=list)
+    """per submap, the last keyframe that was compared with it"""
+    waiting: list[Loop] = field(default_factory=list)
+    travelled: float = 0.0
+    """m since the last loop"""
+    cache: TargetCache = field(default_factory=TargetCache)
+
+    def finish_submap(self, graph: PoseGraph, last: int) -> None:
+        """Make a submap of the keyframes up to `last` and of those before it."""
+        size = self.settings.submap_keyframes
+        members = np.arange(max(last - 2 * size + 1, 0), last + 1)
+        anchor = int(members[len(members) // 2])
+        poses = between(graph.poses[anchor], graph.poses[members])
+        self.submaps.append(Submap(anchor, tuple(int(m) for m in members), poses))
+        self.tried.append(-1)
+
+    def reshape(self, graph: PoseGraph) -> None:
+        """Take over what a correction of the graph did to the insides of submaps, where it is more than a hair."""
+        for number, submap in enumerate(self.submaps):
+            poses = between(graph.poses[submap.anchor], graph.poses[list(submap.members)])
+            off = np.abs(poses - submap.poses).max(axis=0)
+            if max(off[0], off[1]) > BENT_M or off[2] > BENT_RAD:
+                self.submaps[number] = Submap(submap.anchor, submap.members, poses)
+                self.cache.drop(number)
+
+    def look(self, graph: PoseGraph, keyframes: list[Keyframe]) -> list[Loop]:
+        """Loops between the latest keyframe and submaps that can be trusted now, none as a rule."""
+        newest = len(keyframes) - 1
+        number = self._candidate(graph, newest)
+        if number < 0:
+            return []
+        self.tried[number] = newest
+        loop = self._match(graph, keyframes, newest, number)
+        if loop is None:
+            return []
+        if loop.small:
+            self.travelled = 0.0
+            return [loop]
+        return self._agreed(graph, loop)
+
+    @property
+    def drift(self) -> float:
+        """m by which the pose can be off."""
+        settings = self.settings
+        return min(settings.loop_radius_m + settings.loop_growth * self.travelled, settings.loop_radius_max_m)
+
+    def _candidate(self, graph: PoseGraph, newest: int) -> int:
+        """The submap to compare with: near, old, and not tried lately; -1 for none."""
+        old = newest - self.settings.local_keyframes
+        numbers = [n for n, submap in enumerate(self.submaps) if submap.members[-1] < old]
+        if not numbers:
+            return -1
+        anchors = graph.poses[[self.submaps[n].anchor for n in numbers]]
+        away = np.hypot(*(anchors[:, :2] - graph.poses[newest, :2]).T)
+        rest = newest - np.array([self.tried[n] for n in numbers])
+        cost = np.where((away < NEAR_M + self.drift) & (rest > 2), away - 0.2 * np.minimum(rest, 20), np.inf)
+        best = int(np.argmin(cost))
+        return numbers[best] if np.isfinite(cost[best]) else -1
+
+    def _match(self, graph: PoseGraph, keyframes: list[Keyframe], newest: int, number: int) -> Loop | None:
+        submap = self.submaps[number]
+        points, normals = self._query(graph, keyframes, newest)
+        if len(points) < self.settings.min_points * 2:
+            return None
+        target = self.cache.get(number, submap, keyframes)
+        guess = between(graph.poses[submap.anchor], graph.poses[newest])
+        found = self._place(target, points, guess)
+        if found is None:
+            return None
+        alignment = align(target.surfels, points, normals, found, found, FREE_SIGMA)
+        agree, conflict = evidence(target.seen, points, alignment.pose)
+        known = agree + conflict
+        inliers = alignment.inliers * len(points) / max(known, 1)
+        self.last = (known / len(points), conflict / max(known, 1), inliers)
+        if known < MIN_OVERLAP * len(points) or conflict > MAX_CONFLICT * known:
+            return None
+        if inliers < self.settings.loop_inliers:
+            return None
+        turn = np.eye(3)
+        c, s = np.cos(alignment.pose[2]), np.sin(alignment.pose[2])
+        turn[:2, :2] = [[c, -s], [s, c]]
+        local = turn.T @ alignment.information @ turn
+        information = np.linalg.inv(np.linalg.inv(local + np.eye(3)) + FLOOR)
+        off = between(guess, alignment.pose)
+        nearest = int(np.argmin(np.hypot(*(submap.poses - alignment.pose)[:, :2].T)))
+        return Loop(
+            submap.members[nearest],
+            newest,
+            between(submap.poses[nearest], alignment.pose),
+            information,
+            (float(np.hypot(off[0], off[1])), abs(float(off[2]))),
+        )
+
+    def _query(self, graph: PoseGraph, keyframes: list[Keyframe], newest: int) -> tuple[Points, Points]:
+        """Points and normals (n, 2) of the latest keyframes in the frame of the newest."""
+        points, normals = [], []
+        for k in range(max(newest - QUERY_KEYFRAMES + 1, 0), newest + 1):
+            frame = keyframes[k]
+            kept = thin(frame.points, frame.normals, QUERY_SPACING, MATCH_POINTS)
+            pose = between(graph.poses[newest], graph.poses[k])
+            points.append(move(frame.points[kept], pose))
+            normals.append(move(frame.normals[kept], np.array([0.0, 0.0, pose[2]])))
+        joined, facing = np.concatenate(points), np.concatenate(normals)
+        if len(joined) > MATCH_POINTS:
+            chosen = np.arange(MATCH_POINTS) * len(joined) // MATCH_POINTS
+            joined, facing = joined[chosen], facing[chosen]
+        return joined, facing
+
+    def _place(self, target: Target, points: Points, guess: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """The lattice pose that fits best, if it is good and nothing else is about as good."""
+        sample = points[:: max(len(points) // SEARCH_POINTS, 1)]
+        turn = min(TURN_BASE + TURN_GROWTH * self.travelled, TURN_MAX)
+        step, floor, nowhere = 0.025, MIN_SCORE, np.zeros(2)
+        found, score = search(target.levels, sample, guess, self.drift, turn, step, floor, nowhere, 0.0)
+        if score <= floor:
+            return None
+        if np.hypot(*(found - guess)[:2]) > SMALL_M:
+            floor = RIVAL_SHARE * score
+            _, rival = search(target.levels, sample, guess, self.drift, turn, step, floor, found[:2], RIVAL_M)
+            if rival > floor:
+                return None
+        return found
+
+    def _agreed(self, graph: PoseGraph, loop: Loop) -> list[Loop]:
+        """The loop and those that it agrees with, once they are enough; else it joins those that wait."""
+        self.waiting = [old for old in self.waiting if loop.keyframe - old.keyframe < MEMORY_KEYFRAMES]
+        friends = [old for old in self.waiting if consistent(graph, old, loop)]
+        self.waiting.append(loop)
+        if len(friends) + 1 < WITNESSES:
+            return []
+        self.waiting.clear()
+        self.travelled = 0.0
+        return [*friends, loop]
+
+
+def consistent(graph: PoseGraph, a: Loop, b: Loop) -> bool:
+    """Do two loops from keyframes apart say the same? They close a cycle with dead reckoning on both sides."""
+    if abs(b.keyframe - a.keyframe) < APART_KEYFRAMES:
+        return False
+    poses = graph.poses
+    there = compose(between(poses[a.anchor], poses[b.anchor]), b.measured)
+    here = compose(a.measured, between(poses[a.keyframe], poses[b.keyframe]))
+    off = between(here, there)
+    length = np.hypot(*(poses[b.keyframe] - poses[a.keyframe])[:2]) + np.hypot(*(poses[b.anchor] - poses[a.anchor])[:2])
+    return bool(np.hypot(off[0], off[1]) < AGREE_M + AGREE_SHARE * length and abs(wrap(off[2])) < AGREE_RAD)
+
+
+@njit(cache=True)
+def move(points: Points, pose: NDArray[np.float64]) -> Points:
+    """Points (n, 2) of the frame of `pose` (3,) in the frame that it is given in."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    out = np.empty_like(points)
+    for k in range(len(points)):
+        out[k, 0] = pose[0] + c * points[k, 0] - s * points[k, 1]
+        out[k, 1] = pose[1] + s * points[k, 0] + c * points[k, 1]
+    return out
