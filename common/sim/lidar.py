@@ -51,8 +51,9 @@ class Lidar:
     def spoil(self, true: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float32]:
         """What the laser reports for true ranges (n,) in metres: noise, NaN, +inf and -inf as REP-117 has them."""
         noise, lost = rng.normal(size=self.beams), rng.random(size=self.beams) < self.drop_out
-        spread = np.minimum(np.maximum(self.sigma, self.sigma_share * true), self.sigma_cap)
-        seen = np.where(np.isfinite(true), true + spread * noise, np.inf)
+        hit = np.isfinite(true)
+        spread = np.minimum(np.maximum(self.sigma, self.sigma_share * np.where(hit, true, 0.0)), self.sigma_cap)
+        seen = np.where(hit, true + spread * noise, np.inf)
         seen = np.where(seen > self.geometry.range_max, np.inf, seen)
         seen = np.where(seen < self.geometry.range_min, -np.inf, seen)
         return np.where(lost, np.nan, seen).astype(np.float32)

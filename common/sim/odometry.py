@@ -57,7 +57,8 @@ PRESETS: dict[str, OdometryNoise] = {
     ),
     "slippery": OdometryNoise(
         scale=0.03, turn_scale=0.04, yaw_per_m=0.01, distance_noise=0.04, yaw_noise=0.05, yaw_noise_per_m=0.02,
-        slips_per_min=4.0, gyro_bias=0.006,
+        slips_per_min=8.0, slip=0.5,
+        gyro_bias=0.006,
     ),
 }  # fmt: skip
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from common.errors import ConfigError
+from common.errors import ConfigError, UsageError
 
 if TYPE_CHECKING:
     from common.sim.index import SegmentIndex
@@ -46,9 +46,11 @@ class World:
 
     @cached_property
     def index(self) -> SegmentIndex:
-        """The segments sorted into a uniform grid, for casting rays."""
-        from common.sim.index import SegmentIndex
-
+        """The segments sorted into a uniform grid, for casting rays. Raises UsageError where numba is missing."""
+        try:
+            from common.sim.index import SegmentIndex
+        except ModuleNotFoundError as error:
+            raise UsageError(f"the simulator needs {error.name}; install it: pip install 'recslam[edge]'") from error
         return SegmentIndex.of(self.segments)
 
     def clearance(self, points: ArrayLike) -> NDArray[np.float64]:
