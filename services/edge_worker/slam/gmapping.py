@@ -1,0 +1,182 @@
+"""The `gmapping` kernel: a Rao-Blackwellised particle filter over trajectories.
+
+After Grisetti, Stachniss and Burgard, "Improved techniques for grid mapping with Rao-Blackwellized particle filters"
+(IEEE T-RO 2007), as GMapping carries it out: each particle matches a scan with its own map by hill climbing, is
+weighed by the scan's likelihood there, and particles are resampled only when few of them still count. Beyond it, every
+frame is tracked on the best particle's map, so that particles start from matched motion, not from odometry, and a
+robot without odometry can be mapped too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.geometry import between, compose, wrap
+from common.grid import Grid
+from common.wire import Frame
+from services.edge_worker.slam import gmapping_settings, gmapping_snapshot
+from services.edge_worker.slam.gmapping_settings import GMappingSettings
+from services.edge_worker.slam.kernel import Estimate
+from services.edge_worker.slam.particle_chart import ParticleChart
+from services.edge_worker.slam.particle_matcher import ParticleMatcher, Uncertainty
+from services.edge_worker.slam.particle_track import ParticleTrack, way_of
+from services.edge_worker.slam.particle_tree import Generation, ParticleTree
+from services.edge_worker.slam.patch_map import PatchMap
+from services.edge_worker.slam.resampling import effective, normalised, systematic
+from services.edge_worker.slam.scan import NO_POINTS, Scan, ScanReader
+
+
+class GMapping:
+    """One robot's particle filter."""
+
+    def __init__(self, settings: GMappingSettings, seed: int) -> None:
+        self.settings, self.seed = settings, seed
+        n = settings.particles
+        self.reader = ScanReader(settings.range_m, settings.clear_m)
+        self.maps = PatchMap(n, settings.resolution_m)
+        self.matcher = ParticleMatcher(settings, self.maps)
+        self.tree = ParticleTree()
+        self.tree.append(Generation(np.zeros((n, 3)), np.arange(n), NO_POINTS, NO_POINTS, np.zeros(2)))
+        self.chart = ParticleChart(settings.resolution_m)
+        self.track = ParticleTrack()
+        self.log_weights = np.zeros(n)
+        """(n,) since the last resampling"""
+        self.evidence = np.zeros(n)
+        """(n,) log-likelihood of each particle's whole ancestry: the greatest is the best particle's"""
+        self.since = np.zeros(3)
+        """(3,) tracked motion since the last registered scan, in its base"""
+        self.way = 0.0
+        """m travelled since then, turns included"""
+        self.spread = np.zeros(3)
+        """(3,) variance of the particles' scatter about `since`: m^2, m^2, rad^2"""
+        self.stamp: float | None = None
+        """s, of the frame before"""
+
+    @classmethod
+    def create(cls, settings: Mapping[str, Any], seed: int) -> GMapping:
+        """A new kernel. Raises ConfigError naming the field."""
+        return cls(gmapping_settings.read(settings), seed)
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """(n, 3) of the particles at the last registered scan."""
+        return self.tree.branches[-1].poses
+
+    @property
+    def best(self) -> int:
+        """The particle whose ancestry explains all scans best."""
+        return int(np.argmax(self.evidence))
+
+    def process(self, frame: Frame) -> Estimate:
+        """Take the next frame. A frame without usable beams moves the pose by odometry only."""
+        scan = self.reader.read(frame)
+        usable = len(scan.points) >= self.settings.min_points
+        matched = self._advance(scan, usable)
+        self.stamp = scan.stamp
+        if usable and self._is_due():
+            self._register(scan)
+        self.track.append(scan.stamp, len(self.tree) - 1, self.since, self.way)
+        return Estimate(compose(self.poses[self.best], self.since), matched)
+
+    def finish(self) -> None:
+        """Nothing is pending in a filter."""
+
+    def map(self) -> Grid:
+        """The best particle's map, ray traced."""
+        self.chart.follow(self.tree, self.best)
+        return self.chart.grid
+
+    def trajectory(self) -> NDArray[np.float64]:
+        """(n, 4): stamp s, x m, y m, theta rad, one row for every frame taken, by the best particle's ancestry."""
+        return self.track.poses(self.tree.lineage(self.best))
+
+    def snapshot(self) -> bytes:
+        """All state, so that `restore` continues bit for bit."""
+        return gmapping_snapshot.write(self)
+
+    def restore(self, data: bytes) -> None:
+        """Take over a snapshot of a kernel of the same settings. Raises SnapshotRefused, and then keeps its state."""
+        gmapping_snapshot.read(data, self)
+
+    def _advance(self, scan: Scan, usable: bool) -> bool:
+        """Move `since` by dead reckoning, corrected on the best particle's map; returns whether the scan matched."""
+        before, doubt = self.since, self._doubt(scan)
+        self.since = compose(before, scan.motion)
+        matched = False
+        if usable and self.maps.held:
+            base = self.poses[self.best]
+            self._cover(scan, compose(base, self.since)[None], self.settings.search_m)
+            pose, matched = self.matcher.track(scan.points, compose(base, self.since), doubt, self.best)
+            self.since = between(base, pose) if matched else self.since
+        motion = between(before, self.since)
+        if matched:
+            self.reader.learn(motion)
+        self.way += way_of(motion)
+        self.spread += self._drift(motion) if matched else np.square([doubt.metres, doubt.metres, doubt.radians])
+        return matched
+
+    def _doubt(self, scan: Scan) -> Uncertainty:
+        """How far dead reckoning since the frame before may be off."""
+        s, metres, turn = self.settings, float(np.hypot(*scan.motion[:2])), abs(float(scan.motion[2]))
+        if scan.measured:
+            return Uncertainty(
+                s.odometry_m_per_m * metres, s.odometry_rad_per_rad * turn + s.odometry_rad_per_m * metres
+            )
+        gap = 0.0 if self.stamp is None else max(scan.stamp - self.stamp, 0.0)
+        return Uncertainty(
+            min(0.5 * s.guess_mps2 * gap**2, s.search_m), min(0.5 * s.guess_radps2 * gap**2, s.search_rad)
+        )
+
+    def _drift(self, motion: NDArray[np.float64]) -> NDArray[np.float64]:
+        s, metres, turn = self.settings, float(np.hypot(motion[0], motion[1])), abs(float(motion[2]))
+        across = s.drift_m_per_sqrt_m**2 * metres
+        return np.array([across, across, s.drift_rad_per_sqrt_m**2 * metres + s.drift_rad_per_sqrt_rad**2 * turn])
+
+    def _is_due(self) -> bool:
+        if not self.maps.held:
+            return True
+        moved, turned = float(np.hypot(self.since[0], self.since[1])), abs(float(self.since[2]))
+        return moved >= self.settings.register_m or turned >= self.settings.register_rad
+
+    def _register(self, scan: Scan) -> None:
+        """One step of the filter: propose, match, weigh, resample, map."""
+        n = self.settings.particles
+        noise = np.random.Generator(np.random.Philox(key=[self.seed & (2**64 - 1), len(self.tree)]))
+        poses, parents = compose(self.poses, self.since), np.arange(n)
+        if self.maps.held:
+            poses = compose(poses, np.sqrt(self.spread) * noise.standard_normal((n, 3)))
+            self._cover(scan, poses, self.settings.search_m)
+            poses, likelihoods = self.matcher.climb(scan.points, poses)
+            poses[:, 2] = wrap(poses[:, 2])
+            parents = self._weigh(likelihoods, noise.random())
+            poses = poses[parents]
+        self._cover(scan, poses, 0.0)
+        for particle in range(n):
+            self.maps.add(particle, scan.points, poses[particle])
+        self.tree.append(Generation(poses, parents, scan.points, scan.silent, scan.laser))
+        if not np.array_equal(parents, np.arange(n)):
+            self.chart.settle(self.tree.settle())
+        self.track.close(self.since, self.way)
+        self.since, self.way, self.spread = np.zeros(3), 0.0, np.zeros(3)
+
+    def _weigh(self, likelihoods: NDArray[np.float64], draw: float) -> NDArray[np.int64]:
+        """Count log-likelihoods (n,) into the weights; returns the parents (n,), resampled if few particles count."""
+        s = self.settings
+        self.log_weights += likelihoods
+        self.evidence += likelihoods
+        weights = normalised(self.log_weights, s.smoothing)
+        if effective(weights) >= s.resample_share * s.particles:
+            return np.arange(s.particles)
+        parents = systematic(weights, draw)
+        self.maps.resample(parents)
+        self.log_weights[:] = 0.0
+        self.evidence = self.evidence[parents]
+        return parents
+
+    def _cover(self, scan: Scan, poses: NDArray[np.float64], slack_m: float) -> None:
+        radius = float(np.sqrt(np.square(scan.points).sum(axis=1).max())) + slack_m
+        self.maps.cover(poses[:, :2].min(axis=0) - radius, poses[:, :2].max(axis=0) + radius)

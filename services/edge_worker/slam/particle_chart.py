@@ -1,0 +1,54 @@
+"""The published map: the best particle's lineage, ray traced into counts.
+
+While the ancestry stays, only new scans are drawn. When another lineage becomes best, the scans since the common
+ancestor are taken away and drawn where that lineage has them: counts are sums, so this gives the same map as drawing
+all anew, at the cost of the branch alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.grid import Grid
+from services.edge_worker.slam.particle_tree import Generation, ParticleTree, Pose
+from services.edge_worker.slam.raycast import Canvas
+
+
+class ParticleChart:
+    """A grid that follows one lineage of a tree."""
+
+    def __init__(self, resolution_m: float) -> None:
+        self.grid = Grid(resolution_m)
+        self.canvas = Canvas(resolution_m)
+        self.drawn: list[Pose] = []
+        """where the tree's first unsettled generations are drawn"""
+
+    def follow(self, tree: ParticleTree, particle: int) -> None:
+        """Draw the lineage of this particle and bring the grid up to date."""
+        branch = tree.branch(particle)
+        for row, (pose, generation) in enumerate(zip(branch, tree.branches, strict=True)):
+            if row < len(self.drawn):
+                self._move(row, pose, generation)
+            else:
+                self._draw(pose, generation, 1)
+                self.drawn.append(pose)
+        self.canvas.publish(self.grid)
+
+    def settle(self, fixed: list[tuple[Pose, Generation]]) -> None:
+        """Generations are leaving the tree's branches, oldest first: draw them for good."""
+        for pose, generation in fixed:
+            if self.drawn:
+                self._move(0, pose, generation)
+                self.drawn.pop(0)
+            else:
+                self._draw(pose, generation, 1)
+
+    def _move(self, row: int, pose: Pose, generation: Generation) -> None:
+        if not np.array_equal(self.drawn[row], pose):
+            self._draw(self.drawn[row], generation, -1)
+            self._draw(pose, generation, 1)
+            self.drawn[row] = pose
+
+    def _draw(self, pose: NDArray[np.float64], generation: Generation, times: int) -> None:
+        self.canvas.draw(pose, generation.points, generation.laser, generation.silent, times)

@@ -1,0 +1,105 @@
+"""Matches a scan with the particles' maps: tracks one particle from frame to frame, lets all climb at registration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.edge_worker.slam.gmapping_settings import GMappingSettings
+from services.edge_worker.slam.hill_climb import climb, climb_all, found_walls, search
+from services.edge_worker.slam.patch_map import PatchMap
+from services.edge_worker.slam.scan import Points
+
+SEARCH_POINTS = 90
+"""the coarse search matches so many points at most"""
+FINEST_TURN_RAD = 0.01
+WIDE = 2.5
+"""the search looks so many standard deviations to each side"""
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Standard deviation of dead reckoning."""
+
+    metres: float
+    radians: float
+
+
+class ParticleMatcher:
+    """Scan matching on the maps of `maps`. Poses are (x m, y m, theta rad) in the map frame."""
+
+    def __init__(self, settings: GMappingSettings, maps: PatchMap) -> None:
+        self.settings = settings
+        self.maps = maps
+
+    def track(
+        self, points: Points, guess: NDArray[np.float64], doubt: Uncertainty, particle: int
+    ) -> tuple[NDArray[np.float64], bool]:
+        """The pose (3,) near `guess` where `points` (n, 2) fit one particle's map, and whether they do."""
+        cells = self._thinned(points, self.settings.match_points)
+        pull = self._pull(doubt, len(cells))
+        start = self._search(cells, self._cells(guess), pull, doubt, particle)
+        x, y, theta, _ = climb(cells, start, self._cells(guess), pull, *self._climbing(), *self._map(particle))
+        pose = np.array([x, y, theta])
+        found = found_walls(cells, pose, self.maps.table[particle], self.maps.near)
+        if found < self.settings.min_found * len(cells):
+            return guess, False
+        return self._metres(pose), True
+
+    def climb(self, points: Points, poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Every particle climbs from its pose (n, 3) on its own map: the poses reached, and log-likelihoods (n,)."""
+        s, cells = self.settings, self._thinned(points, self.settings.match_points)
+        reached, misfits, _ = climb_all(
+            cells,
+            self._cells(poses),
+            *self._climbing(),
+            self.maps.table,
+            self.maps.near,
+            s.reach_m / s.resolution_m,
+            s.likelihood_m / s.resolution_m,
+            s.likelihood_worst,
+            s.min_found * len(cells),
+        )
+        return self._metres(reached), -misfits
+
+    def _search(
+        self,
+        cells: NDArray[np.float64],
+        guess: NDArray[np.float64],
+        pull: NDArray[np.float64],
+        doubt: Uncertainty,
+        particle: int,
+    ) -> NDArray[np.float64]:
+        s = self.settings
+        coarse = cells[:: -(-len(cells) // SEARCH_POINTS)]
+        lever = float(np.sqrt(np.square(coarse).sum(axis=1).mean()))
+        turn = float(np.clip(1.0 / max(lever, 1.0), FINEST_TURN_RAD, s.step_rad))
+        window = int(np.ceil(min(WIDE * doubt.metres, s.search_m) / s.resolution_m))
+        turns = int(np.ceil(min(WIDE * doubt.radians, s.search_rad) / turn))
+        pull = pull * (len(coarse) / len(cells))
+        return search(coarse, guess, pull, window, turns, turn, *self._map(particle))
+
+    def _thinned(self, points: Points, most: int) -> NDArray[np.float64]:
+        """At most `most` of the points, evenly taken, in cells."""
+        if len(points) > most:
+            points = points[np.linspace(0, len(points) - 1, most).astype(np.int64)]
+        return points.astype(np.float64) / self.settings.resolution_m
+
+    def _pull(self, doubt: Uncertainty, points: int) -> NDArray[np.float64]:
+        scale = 0.5 * self.settings.prior_share * points
+        cells = max(doubt.metres, 1e-3) / self.settings.resolution_m
+        return scale / np.square([cells, max(doubt.radians, 1e-3)])
+
+    def _climbing(self) -> tuple[float, float, int]:
+        return self.settings.step_m / self.settings.resolution_m, self.settings.step_rad, self.settings.halvings
+
+    def _map(self, particle: int) -> tuple[NDArray[np.int32], NDArray[np.int16], float]:
+        return self.maps.table[particle], self.maps.near, self.settings.reach_m / self.settings.resolution_m
+
+    def _cells(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.concatenate([self.maps.to_table(poses[..., :2]), poses[..., 2:]], axis=-1)
+
+    def _metres(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.concatenate([self.maps.to_metres(poses[..., :2]), poses[..., 2:]], axis=-1)
