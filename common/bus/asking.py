@@ -16,6 +16,8 @@ from common.wire import Message, Refusal, decode
 
 log = logging.getLogger(__name__)
 
+SETTLE_S = 2.0
+
 
 class Asker:
     """The asking side of one bus."""
@@ -68,6 +70,14 @@ class Asker:
                 raise QueryFailed(f"pages go round in a circle at cursor {cursor!r}", key)
             seen.add(str(cursor))
             asked["cursor"] = cursor
+
+    async def settle(self) -> None:
+        """Wait until the router has taken in all that this bus has declared so far: it answers in order.
+
+        Without a router there is nothing to wait for: it is told everything when it is back.
+        """
+        for router in self._session.info.routers_zid():
+            await self._replies(zenoh.Selector(f"@/{router}/router"), SETTLE_S, False)
 
     async def _replies(self, asked: zenoh.Selector, timeout_s: float, everyone: bool) -> list[zenoh.Reply]:
         replies: list[zenoh.Reply] = []

@@ -19,7 +19,7 @@ from zenoh.handlers import Callback, RingChannel
 
 from common.bus.asking import Asker
 from common.bus.intake import Counters, Intake, Received
-from common.bus.opening import open_session
+from common.bus.opening import close_with_process, open_session
 from common.bus.server import Handler, Server
 from common.bus.stream import Declared, Stream
 from common.errors import UsageError
@@ -74,7 +74,7 @@ class Bus:
         self._routers: set[str] = set()
         self._closed = False
         self._ended = threading.Event()
-        self._start_thread(partial(_close_with_process, session, self._ended), "bus-guard")
+        self._start_thread(partial(close_with_process, session, self._ended), "bus-guard")
         listen: Callback[zenoh.TransportEvent] = Callback(partial(self._threadsafe, self._on_transport))
         self._listener = session.info.declare_transport_events_listener(listen, history=True)
         self._routers.update(str(zid) for zid in session.info.routers_zid())
@@ -128,7 +128,8 @@ class Bus:
         """Set the value of `key`: those who watch it get it now or when they come, and a plain get reads it."""
         self._check_open()
         data = encode(message)
-        if key not in self._publishers:
+        new = key not in self._publishers
+        if new:
             self._publishers[key] = ext.declare_advanced_publisher(
                 self._session,
                 f"{self.root}/{key}",
@@ -141,6 +142,8 @@ class Bus:
         self._server.latch(key, data)
         self._publishers[key].put(data)
         self._count_sent(data)
+        if new:
+            await self._asker.settle()
 
     def subscribe(self, key_expr: str, *, depth: int = 256) -> Stream[Received]:
         """What is put from now on."""
@@ -190,6 +193,7 @@ class Bus:
         """
         self._check_open()
         self._server.serve(key_expr, handler)
+        await self._asker.settle()
 
     async def declare_alive(self, key: str) -> None:
         """Show a liveliness token until the bus is closed or this process dies."""
@@ -220,7 +224,8 @@ class Bus:
 
     def _message_stream(self, depth: int) -> Stream[Received]:
         def accept(sample: zenoh.Sample) -> Received | None:
-            return self._intake.accept(self._relative(sample.key_expr), sample.payload)
+            stamped = sample.timestamp.get_time().timestamp() if sample.timestamp is not None else 0.0
+            return self._intake.accept(self._relative(sample.key_expr), sample.payload, stamped)
 
         return self._stream(depth, accept)
 
@@ -288,12 +293,3 @@ class Bus:
             self._replier.shutdown(wait=True, cancel_futures=True)
             for thread in self._threads:
                 thread.join()
-
-
-def _close_with_process(session: zenoh.Session, ended: threading.Event) -> None:
-    """Close a forgotten session when the main thread ends: its callback threads would keep the process for ever."""
-    main = threading.main_thread()
-    while main.is_alive():
-        if ended.wait(0.5):
-            return
-    session.close()

@@ -32,6 +32,8 @@ class Received:
     message: Message
     size: int
     """bytes on the wire"""
+    sent_s: float = 0.0
+    """the sender's clock when it was put, seconds since 1970; 0 where it is not known"""
 
 
 class Payload(Protocol):
@@ -89,7 +91,7 @@ class Intake:
         self._clock = clock
         self._logged: dict[str, float] = {}
 
-    def accept(self, key: str, payload: Payload) -> Received | None:
+    def accept(self, key: str, payload: Payload, sent_s: float = 0.0) -> Received | None:
         """The message, or None when it is refused."""
         size = len(payload)
         self.counters.received += 1
@@ -105,7 +107,7 @@ class Intake:
         except BadMessage as error:
             self.refuse(sender, f"{error} (on {key})")
             return None
-        return Received(key, message, size)
+        return Received(key, message, size, sent_s)
 
     def refuse(self, sender: str, problem: str) -> None:
         """Count a refusal against its sender and keep its text."""

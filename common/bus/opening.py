@@ -1,9 +1,10 @@
-"""Opens a Zenoh session, with a deadline and without leaving one behind when cancelled."""
+"""Opens a Zenoh session with a deadline, and sees to it that none is left behind."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import threading
 
 import zenoh
 
@@ -52,3 +53,12 @@ async def _attempt(config: zenoh.Config, left: float) -> zenoh.Session:
 def _close_late(future: asyncio.Future[zenoh.Session]) -> None:
     with contextlib.suppress(zenoh.ZError, asyncio.CancelledError):
         future.result().close()
+
+
+def close_with_process(session: zenoh.Session, ended: threading.Event) -> None:
+    """Close a forgotten session when the main thread ends: its callback threads would keep the process for ever."""
+    main = threading.main_thread()
+    while main.is_alive():
+        if ended.wait(0.5):
+            return
+    session.close()

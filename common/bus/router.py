@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import time
 from types import TracebackType
 
 import zenoh
@@ -51,9 +52,12 @@ class Router:
 
 
 def _locator(session: zenoh.Session) -> str:
-    """The first address that the router listens on, as its admin space tells."""
-    for reply in session.get(f"@/{session.zid()}/router"):
-        if reply.ok is not None:
-            return str(json.loads(reply.ok.payload.to_bytes())["locators"][0])
+    """The first address that the router listens on, as its admin space tells, which may be up a little later."""
+    for _ in range(100):
+        for reply in session.get(f"@/{session.zid()}/router"):
+            locators = json.loads(reply.ok.payload.to_bytes())["locators"] if reply.ok is not None else []
+            if locators:
+                return str(locators[0])
+        time.sleep(0.05)
     session.close()
-    raise UsageError("the router's admin space does not answer; is adminspace disabled by a configuration?")
+    raise UsageError("the router's admin space does not tell its address; use a fixed port instead of 0")

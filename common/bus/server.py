@@ -58,6 +58,7 @@ class Server:
         self._served: dict[str, Served] = {}
         self._slots = asyncio.Semaphore(MAX_RUNNING)
         self._tasks: set[asyncio.Task[None]] = set()
+        self._waiting = 0
 
     def latch(self, key: str, data: bytes) -> None:
         """From now on `data` is the answer to a plain get of `key`."""
@@ -109,10 +110,7 @@ class Server:
         replies: Replies = []
         refusal: bytes | None = None
         try:
-            if len(self._tasks) > MAX_PENDING:
-                raise UsageError(f"busy: {MAX_PENDING} queries are waiting; ask again later")
-            async with self._slots:
-                replies = await self._replies(served, asked, dict(query.parameters.__iter__()))
+            replies = await self._in_turn(served, asked, dict(query.parameters.__iter__()))
             self._intake.counters.served += 1
         except asyncio.CancelledError:
             query.drop()
@@ -120,6 +118,16 @@ class Server:
         except Exception as error:
             refusal = self._failure(asked, error)
         await self._loop.run_in_executor(self._replier, self._send, query, replies, refusal)
+
+    async def _in_turn(self, served: Served, asked: str, params: Mapping[str, str]) -> Replies:
+        if self._waiting >= MAX_PENDING:
+            raise UsageError(f"busy: {MAX_PENDING} queries are waiting; ask again later")
+        self._waiting += 1
+        try:
+            async with self._slots:
+                return await self._replies(served, asked, params)
+        finally:
+            self._waiting -= 1
 
     async def _replies(self, served: Served, asked: str, params: Mapping[str, str]) -> Replies:
         wild = "*" in asked

@@ -65,4 +65,5 @@ async def test_a_value_that_is_gone_with_its_owner_is_read_no_more(open_bus: Ope
     await scheduler.latch(KEY, routes(1))
     assert await reader.get(KEY)
     await scheduler.close()
-    assert await reader.get(KEY) == []
+    while await reader.get(KEY):
+        pass

@@ -87,8 +87,9 @@ def check_contained(data: bytes) -> None:
     try:
         message = decode(data, "robot/bad")
     except BadMessage as error:
-        assert error.sender == "robot/bad"
-        assert str(error).startswith("robot/bad: ")
+        named = error.sender == "robot/bad" and str(error).startswith("robot/bad: ")
+        if not named:
+            raise AssertionError(f"the sender is not named in {error}") from error
     else:
         encode(message)
 

@@ -1,4 +1,4 @@
-"""The wire format, byte for byte: a change here is a change that older programs cannot read, and wants a new VERSION."""
+"""The wire format, byte for byte: a change here is one that older programs cannot read, and wants a new VERSION."""
 
 from __future__ import annotations
 
