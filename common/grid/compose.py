@@ -41,3 +41,31 @@ def saturate(counts: NDArray[np.uint32]) -> Counts:
     wide[0, over] = (wide[0, over] * SATURATED + wide[1, over] // 2) // wide[1, over]
     wide[1, over] = SATURATED
     return wide.astype(np.uint16)
+
+
+def cap_votes(grid: Grid, most: int) -> Grid:
+    """The grid with at most `most` visits in a cell, ratios kept: a robot that stands still outvotes nobody.
+
+    It also keeps the sum of 65535 / `most` robots exact in uint16, whatever the order and grouping of adding.
+    """
+    capped = Grid(grid.resolution)
+    capped.replace((key, _capped(counts, most)) for key, counts in grid.tiles.items())
+    return capped
+
+
+def _capped(counts: Counts, most: int) -> Counts:
+    over = counts[1] > most
+    if not over.any():
+        return counts
+    out = counts.astype(np.uint32)
+    out[0, over] = (out[0, over] * most + out[1, over] // 2) // out[1, over]
+    out[1, over] = most
+    return out.astype(np.uint16)
+
+
+def compose_into(product: Grid, parts: Iterable[Grid]) -> None:
+    """Make `product` the sum of `parts`; tiles that stay equal keep their version, vanished ones become zeros."""
+    parts = list(parts)
+    merged = add(parts).tiles if parts else {}
+    gone = {key: np.zeros((2, TILE, TILE), np.uint16) for key in product.tiles if key not in merged}
+    product.replace_if_different([*sorted(merged.items()), *sorted(gone.items())])

@@ -1,0 +1,5 @@
+"""Worker processes that compute, so that a service's event loop never does."""
+
+from common.workers.worker import Worker, WorkerError
+
+__all__ = ["Worker", "WorkerError"]

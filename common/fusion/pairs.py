@@ -1,0 +1,128 @@
+"""Verdicts about all pairs of some robots' maps, remembered by map version.
+
+A pair is decided anew only when a map has changed enough to matter; a merged pair is tracked. For final maps the
+verdict is made from nothing but the two maps, so that whoever decides it, and in whatever order, comes to the same.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from common.fusion.cycles import Measurement
+from common.fusion.match import Match, match, track
+from common.fusion.matchmap import MatchMap
+from common.fusion.settings import FusionSettings
+from common.wire.edge import PairVerdict
+
+GROWTH = 0.1
+"""share of new known cells from which on an undecided pair is looked at again"""
+
+Pair = tuple[str, str]
+
+
+@dataclass
+class Known:
+    """One robot's map as it takes part in matching."""
+
+    map: MatchMap
+    version: int
+    final: bool
+
+
+@dataclass
+class PairTable:
+    """Maps by robot, and what has been decided about their pairs; a pair is (a, b) with a < b."""
+
+    settings: FusionSettings = field(default_factory=FusionSettings)
+    known: dict[str, Known] = field(default_factory=dict)
+    verdicts: dict[Pair, PairVerdict] = field(default_factory=dict)
+    sizes: dict[Pair, tuple[int, int]] = field(default_factory=dict)
+    """known cells of both maps when the pair was last looked at everywhere"""
+    checks: int = 0
+    """how many times a pair was looked at everywhere"""
+
+    def put(self, robot: str, map_: MatchMap, version: int, final: bool) -> None:
+        """The robot's present map; verdicts about older ones stay until the pair is decided again."""
+        self.known[robot] = Known(map_, version, final)
+
+    def forget(self, robot: str) -> None:
+        self.known.pop(robot, None)
+        for pair in [pair for pair in self.verdicts if robot in pair]:
+            del self.verdicts[pair]
+            self.sizes.pop(pair, None)
+
+    def decide(self, pairs: Iterable[Pair]) -> None:
+        """Bring the verdicts about these pairs up to the present maps. Pairs of unknown robots are passed over."""
+        for a, b in pairs:
+            if a in self.known and b in self.known:
+                self._decide(a, b)
+
+    def _decide(self, a: str, b: str) -> None:
+        first, second, old = self.known[a], self.known[b], self.verdicts.get((a, b))
+        versions, final = (first.version, second.version), first.final and second.final
+        if old is not None and old.versions == versions and old.final == final:
+            return
+        found: Match | None = None
+        if final:
+            found = self._everywhere(a, b)
+        elif old is not None and old.transform is not None:
+            found = track(first.map, second.map, old.transform, settings=self.settings)
+            if found.kind != "merged":
+                found = self._everywhere(a, b)
+        elif old is None or self._has_grown(a, b):
+            found = self._everywhere(a, b)
+        if found is None:
+            assert old is not None
+            self.verdicts[a, b] = old.model_copy(update={"versions": versions})
+            return
+        self.verdicts[a, b] = verdict(found, a, b, versions, final)
+
+    def _everywhere(self, a: str, b: str) -> Match:
+        first, second = self.known[a].map, self.known[b].map
+        self.checks += 1
+        self.sizes[a, b] = (first.known_cells, second.known_cells)
+        return match(first, second, settings=self.settings, seed=zlib.crc32(f"{a}/{b}".encode()))
+
+    def _has_grown(self, a: str, b: str) -> bool:
+        before = self.sizes.get((a, b), (0, 0))
+        now = (self.known[a].map.known_cells, self.known[b].map.known_cells)
+        return any(new > (1 + GROWTH) * old for new, old in zip(now, before, strict=True))
+
+
+def verdict(found: Match, a: str, b: str, versions: tuple[int, int], final: bool) -> PairVerdict:
+    """The message about a decided pair, complete with what `solve` needs."""
+    information = None if found.information is None else tuple(float(v) for v in found.information.ravel())
+    return found.verdict(a, b, versions).model_copy(update={"information": information, "final": final})
+
+
+def measurements(verdicts: Iterable[PairVerdict]) -> dict[Pair, Measurement]:
+    """The merged ones among the verdicts, as `solve` takes them."""
+    out: dict[Pair, Measurement] = {}
+    for each in verdicts:
+        if each.transform is not None:
+            pose = np.asarray(each.transform, np.float64)
+            if each.information is None:
+                out[each.a, each.b] = Measurement(pose)
+            else:
+                out[each.a, each.b] = Measurement(pose, np.asarray(each.information, np.float64).reshape(3, 3))
+    return out
+
+
+def all_pairs(robots: Iterable[str]) -> list[Pair]:
+    """Every pair (a, b), a < b, in sorted order."""
+    names = sorted(robots)
+    return [(a, b) for k, a in enumerate(names) for b in names[k + 1 :]]
+
+
+def complete(verdicts: Mapping[Pair, PairVerdict], pairs: Iterable[Pair], versions: Mapping[str, int]) -> bool:
+    """Whether each of the pairs has a final verdict about exactly these map versions."""
+    return all(
+        (found := verdicts.get(pair)) is not None
+        and found.final
+        and found.versions == (versions.get(pair[0]), versions.get(pair[1]))
+        for pair in pairs
+    )

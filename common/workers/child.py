@@ -1,0 +1,76 @@
+"""The inside of a worker process: `python -m common.workers.child MODULE:CLASS FD`.
+
+Requests `[id, method, arguments]` come over the socket FD as length-prefixed msgpack and are answered in order
+with `[id, true, result]` or `[id, false, message]`. The class is made once; its public methods are what can be
+called. A thread watches the socket: when the parent is gone, even by kill -9, the process ends at once, whatever
+it was computing.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import queue
+import socket
+import sys
+import threading
+import traceback
+from typing import Any
+
+import msgpack
+
+from common.workers.framing import HEAD
+
+
+def main() -> None:
+    target, fd = sys.argv[1], int(sys.argv[2])
+    module, _, name = target.partition(":")
+    channel = socket.socket(fileno=fd)
+    requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    threading.Thread(target=_read, args=(channel, requests), name="requests", daemon=True).start()
+    host = getattr(importlib.import_module(module), name)()
+    _send(channel, [0, True, os.getpid()])
+    while True:
+        request_id, method, arguments = requests.get()
+        _send(channel, [request_id, *_call(host, method, arguments)])
+
+
+def _call(host: object, method: str, arguments: dict[str, Any]) -> tuple[bool, Any]:
+    try:
+        if method.startswith("_"):
+            raise AttributeError(f"{method} is not to be called from outside")
+        return True, getattr(host, method)(**arguments)
+    except Exception as error:
+        traceback.print_exc()
+        return False, f"{type(error).__name__}: {error}"
+
+
+def _read(channel: socket.socket, requests: queue.SimpleQueue[Any]) -> None:
+    try:
+        while True:
+            (size,) = HEAD.unpack(_exactly(channel, HEAD.size))
+            requests.put(msgpack.unpackb(_exactly(channel, size), strict_map_key=False))
+    except EOFError:
+        os._exit(0)
+    except BaseException:
+        traceback.print_exc()
+        os._exit(1)  # a worker that cannot hear must not linger
+
+
+def _exactly(channel: socket.socket, size: int) -> bytes:
+    parts = bytearray()
+    while len(parts) < size:
+        part = channel.recv(min(size - len(parts), 1 << 20))
+        if not part:
+            raise EOFError
+        parts += part
+    return bytes(parts)
+
+
+def _send(channel: socket.socket, reply: list[Any]) -> None:
+    data = msgpack.packb(reply)
+    channel.sendall(HEAD.pack(len(data)) + data)
+
+
+if __name__ == "__main__":
+    main()

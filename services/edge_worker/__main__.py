@@ -1,0 +1,3 @@
+from services.edge_worker.app import main
+
+raise SystemExit(main())

@@ -1,0 +1,31 @@
+"""The command line of an edge worker."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+from collections.abc import Sequence
+
+from common.bus import Bus
+from common.service import arguments, load_fleet, run
+from services.edge_worker.service import EdgeWorker
+from services.edge_worker.settings import check
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one edge until it is stopped; the exit code is for `sys.exit`."""
+    parser = arguments("edge_worker", "Run SLAM for the robots routed here, and fuse their maps.")
+    parser.add_argument("--id", required=True, help="name of the edge")
+    args = parser.parse_args(argv)
+    return run(lambda stop: _edge(args, stop), f"edge/{args.id}", args.log_format, args.log_level)
+
+
+async def _edge(args: argparse.Namespace, stop: asyncio.Event) -> None:
+    fleet = load_fleet(args)
+    check(fleet)
+    workers = fleet.edge.workers or os.cpu_count() or 1
+    async with await Bus.open(
+        fleet.bus.endpoint, name=args.id, role="edge", root=fleet.bus.root, timeout_s=fleet.bus.timeout_s
+    ) as bus:
+        await EdgeWorker(fleet, args.id, bus, workers, stop).run()

@@ -1,0 +1,184 @@
+"""Preparative fusion: the shell around the state machine of fusing.py and the process that computes."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+from common.bus import Bus, keys
+from common.bus.tiles import TILE_BYTES, fetch_tiles, tile_page
+from common.config import Fleet
+from common.errors import PeerError, WorkerDied
+from common.wire import Component, Covers, EdgeMapNotice, MapNotice, Message, Routes, Transforms, decode, encode
+from common.workers import Worker, WorkerError
+from services.edge_worker import fusing
+from services.edge_worker.fusing import FusingState
+
+TARGET = "services.edge_worker.fusion_host:FusionHost"
+
+log = logging.getLogger(__name__)
+
+
+class Fusion:
+    """Fetches the robot maps that the routing table sends here, fuses them and shows the edge map."""
+
+    def __init__(self, fleet: Fleet, edge: str, bus: Bus) -> None:
+        self._fleet, self._edge, self._bus = fleet, edge, bus
+        self.state = FusingState(edge)
+        self._worker: Worker | None = None
+        self._steps: asyncio.Queue[fusing.Instruction] = asyncio.Queue(maxsize=4096)
+        self._shown: EdgeMapNotice | None = None
+        self.stages: dict[str, float] = {}
+        """seconds of the last run of each stage"""
+        self.bytes_in = 0
+        self.failures = 0
+
+    async def open(self) -> None:
+        await self._start_worker()
+        await self._bus.serve(keys.edge_map(self._edge), self._tiles)
+
+    async def close(self) -> None:
+        if self._worker is not None:
+            await self._worker.close()
+
+    def pids(self) -> list[int]:
+        return [self._worker.process.pid] if self._worker is not None else []
+
+    def routed(self, routes: Routes) -> None:
+        self._feed(fusing.Routed(routes))
+
+    def noticed(self, notice: MapNotice) -> None:
+        self._feed(fusing.MapNoticed(notice))
+
+    def world_seen(self, transforms: Transforms) -> None:
+        self._feed(fusing.WorldSeen(transforms))
+
+    async def run(self) -> None:
+        """Carry out instructions one by one, with a tick every `map_every_s`."""
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self._tick(), name="fusion tick")
+            while True:
+                step = await self._steps.get()
+                try:
+                    await self._carry_out(step)
+                except WorkerDied:
+                    log.error("the fusion process died; starting another with all maps fetched anew")
+                    await self._restart()
+
+    async def _tick(self) -> None:
+        while True:
+            await asyncio.sleep(self._fleet.edge.map_every_s)
+            self._feed(fusing.Tick())
+
+    def _feed(self, event: fusing.Event) -> None:
+        for step in self.state.handle(event):
+            self._steps.put_nowait(step)
+
+    async def _carry_out(self, step: fusing.Instruction) -> None:
+        match step:
+            case fusing.Fetch():
+                await self._fetch(step)
+            case fusing.Forget(robot):
+                await self._call("forget", robot=robot)
+            case fusing.Fuse():
+                await self._fuse(step)
+
+    async def _fetch(self, step: fusing.Fetch) -> None:
+        begin = asyncio.get_running_loop().time()
+        try:
+            delta = await fetch_tiles(self._bus, keys.edge_robot_map(step.edge, step.robot), step.since)
+            tiles = [(tile.x, tile.y, tile.data) for tile in delta.tiles]
+            await self._call(
+                "put",
+                robot=step.robot,
+                resolution=delta.resolution,
+                version=delta.version,
+                final=delta.final,
+                tiles=tiles,
+            )
+        except (PeerError, WorkerError) as error:
+            self.failures += 1
+            log.info("robot map not fetched", extra={"robot": step.robot, "edge": step.edge, "reason": error})
+            self._feed(fusing.FetchFailed(step.robot))
+            return
+        self.bytes_in += delta.size
+        self.stages["transfer"] = asyncio.get_running_loop().time() - begin
+        cover = delta.covers.get(step.robot)
+        self._feed(fusing.Fetched(step.robot, step.edge, delta.version, cover, delta.final))
+
+    async def _fuse(self, step: fusing.Fuse) -> None:
+        world = encode(step.world) if step.world is not None else None
+        try:
+            done = await self._call("fuse", edge=self._edge, robots=list(step.robots), world=world)
+        except WorkerError as error:
+            self.failures += 1
+            log.error("fusion failed", extra={"edge": self._edge, "reason": error})
+            self._feed(fusing.Fused())
+            return
+        self.stages["fuse"] = done["seconds"]
+        verdicts = decode(done["verdicts"])
+        await self._bus.latch(keys.edge_verdicts(self._edge), verdicts)
+        await self._show(step, done)
+        self._feed(fusing.Fused())
+
+    async def _show(self, step: fusing.Fuse, done: Mapping[str, Any]) -> None:
+        """Publish the notice of the edge map, if it is another than last shown."""
+        covers: Covers = self.state.covers(dict.fromkeys(done["robots"]))
+        final = (
+            step.world is not None
+            and step.world.final
+            and self.state.all_final()
+            and set(covers) == set(self.state.members)
+        )
+        notice = EdgeMapNotice(
+            edge=self._edge,
+            version=done["version"],
+            world_epoch=done["world_epoch"],
+            resolution=done["resolution"],
+            components=tuple(Component.model_validate(each) for each in done["components"]),
+            covers=covers,
+            final=final,
+            fuse_s=self.stages.get("fuse", 0.0),
+            transfer_s=self.stages.get("transfer", 0.0),
+        )
+        self._shown = notice
+        await self._bus.latch(keys.edge_map(self._edge), notice)
+
+    async def _tiles(self, key: str, params: Mapping[str, str]) -> Message:
+        shown = self._shown
+        if shown is None:
+            raise PeerError("no edge map yet: nothing has been fused here", f"edge/{self._edge}")
+        page = await self._call(
+            "tiles",
+            since=int(params.get("since", "0")),
+            cursor=params.get("cursor", ""),
+            limit_bytes=TILE_BYTES,
+        )
+        if page["version"] != shown.version:
+            raise PeerError("a fusion is under way; ask again after the next notice", f"edge/{self._edge}")
+        return tile_page(f"edge/{self._edge}", "counts", page, shown.covers, shown.final, shown.world_epoch)
+
+    async def _call(self, method: str, **arguments: Any) -> Any:
+        if self._worker is None:
+            raise WorkerDied("the fusion process is not up")
+        return await self._worker.call(method, **arguments)
+
+    async def _start_worker(self) -> None:
+        self._worker = await Worker.start(TARGET)
+        await self._worker.call("configure", settings=self._fleet.fusion.settings)
+        await self._worker.call("warm")
+
+    async def _restart(self) -> None:
+        if self._worker is not None:
+            await self._worker.close()
+        await self._start_worker()
+        members, notices, world, epoch = (
+            self.state.members,
+            self.state.notices,
+            self.state.world,
+            self.state.epoch,
+        )
+        self.state = FusingState(self._edge, epoch, members, notices, world=world)
+        self._feed(fusing.Tick())

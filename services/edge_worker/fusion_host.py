@@ -1,0 +1,128 @@
+"""What runs inside an edge's fusion process: preparative fusion of the robot maps held there.
+
+Pairs are decided, transforms solved, and each robot map is rendered once, from its own frame straight onto the
+lattice of the world (or of the edge, before the cloud has placed it); the edge map is the sum.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from common.errors import UsageError
+from common.fusion.layout import bounds, lay_out
+from common.fusion.matchmap import MatchMap
+from common.fusion.pairs import PairTable, all_pairs, measurements
+from common.fusion.settings import FusionSettings
+from common.fusion.solve import Solved, solve
+from common.geometry.se2 import compose
+from common.grid import Grid
+from common.grid.compose import cap_votes, compose_into
+from common.grid.paging import page
+from common.grid.render import render
+from common.grid.tiles import decode_counts, encode_counts
+from common.wire import Component, FixedPose, PoseTuple, Transforms, Verdicts, decode, encode
+
+VOTES = 255
+"""visits of a cell that count of one robot"""
+
+
+class FusionHost:
+    """Called through common.workers; arguments and results are plain msgpack values."""
+
+    def __init__(self) -> None:
+        self._pairs = PairTable()
+        self._maps: dict[str, Grid] = {}
+        self._rendered: dict[str, tuple[tuple[int, FixedPose, float], Grid]] = {}
+        self._product: Grid | None = None
+
+    def configure(self, settings: dict[str, Any]) -> None:
+        self._pairs = PairTable(FusionSettings.model_validate(settings))
+
+    def warm(self) -> None:
+        """Load compiled code, so that the first fusion does not wait for it."""
+        from common.fusion.warmup import warmup
+
+        warmup()
+
+    def put(
+        self, robot: str, resolution: float, version: int, final: bool, tiles: list[tuple[int, int, bytes]]
+    ) -> None:
+        """Changed tiles of a robot map, which then is this version."""
+        grid = self._maps.get(robot)
+        if grid is None or grid.resolution != resolution:
+            grid = self._maps[robot] = Grid(resolution)
+        grid.replace(((x, y), decode_counts(data, robot)) for x, y, data in tiles)
+        self._pairs.put(robot, MatchMap.from_grid(grid), version, final)
+        self._rendered.pop(robot, None)
+
+    def forget(self, robot: str) -> None:
+        self._maps.pop(robot, None)
+        self._rendered.pop(robot, None)
+        self._pairs.forget(robot)
+
+    def fuse(self, edge: str, robots: list[str], world: bytes | None) -> dict[str, Any]:
+        """Fuse the maps of `robots`; gives encoded Verdicts and the components, and what was rendered where."""
+        begin = time.perf_counter()
+        held = [robot for robot in robots if robot in self._maps]
+        self._pairs.decide(all_pairs(held))
+        verdicts = [self._pairs.verdicts[pair] for pair in all_pairs(held)]
+        solved = solve(held, measurements(verdicts))
+        placed, epoch, resolution = self._placed(held, solved, world)
+        if self._product is None or self._product.resolution != resolution:
+            self._product = Grid(resolution)
+        compose_into(self._product, [self._render(robot, pose, resolution) for robot, pose in sorted(placed.items())])
+        return {
+            "verdicts": encode(Verdicts(owner=f"edge/{edge}", pairs=tuple(verdicts))),
+            "components": [component(each).model_dump() for each in solved],
+            "robots": sorted(placed),
+            "version": self._product.version,
+            "world_epoch": epoch,
+            "resolution": resolution,
+            "seconds": time.perf_counter() - begin,
+        }
+
+    def tiles(self, since: int, cursor: str, limit_bytes: int) -> dict[str, Any]:
+        """One page of changed tiles of the edge map."""
+        if self._product is None:
+            raise UsageError("no edge map yet: nothing has been fused here")
+        found = page(self._product, since, cursor, limit_bytes, encode_counts)
+        return {
+            "tiles": found.tiles,
+            "next": found.next,
+            "version": self._product.version,
+            "resolution": self._product.resolution,
+        }
+
+    def _placed(
+        self, held: list[str], solved: list[Solved], world: bytes | None
+    ) -> tuple[dict[str, FixedPose], int, float]:
+        """Where each map is to be rendered, the world epoch (0: on the edge's own lattice), and the resolution."""
+        transforms = decode(world) if world is not None else None
+        if isinstance(transforms, Transforms):
+            placed = {name: each.transform for name, each in transforms.robots.items() if name in held}
+            return placed, transforms.world_epoch, transforms.resolution
+        boxes = {
+            each.id: bounds((self._pairs.known[name].map, each.transforms[name]) for name in each.robots)
+            for each in solved
+        }
+        places = lay_out(boxes)
+        poses = {name: compose(places[each.id], each.transforms[name]) for each in solved for name in each.robots}
+        resolution = min((self._maps[name].resolution for name in held), default=0.05)
+        return {name: FixedPose.of(*(float(v) for v in pose)) for name, pose in poses.items()}, 0, resolution
+
+    def _render(self, robot: str, pose: FixedPose, resolution: float) -> Grid:
+        key = (self._maps[robot].version, pose, resolution)
+        known = self._rendered.get(robot)
+        if known is None or known[0] != key:
+            known = (key, cap_votes(render(self._maps[robot], pose.pose(), resolution), VOTES))
+            self._rendered[robot] = known
+        return known[1]
+
+
+def component(solved: Solved) -> Component:
+    """The message about robots whose relative transforms are known."""
+    transforms: dict[str, PoseTuple] = {
+        name: (float(pose[0]), float(pose[1]), float(pose[2])) for name, pose in solved.transforms.items()
+    }
+    return Component(id=solved.id, robots=solved.robots, transforms=transforms)

@@ -1,0 +1,88 @@
+"""The pool of SLAM worker processes of one edge, with a warm spare that takes a dead one's place at once."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from typing import Any
+
+from common.errors import WorkerDied
+from common.workers import Worker
+
+TARGET = "services.edge_worker.slam.host:SlamHost"
+
+log = logging.getLogger(__name__)
+
+
+class Pool:
+    """`size` workers by number, and one spare.
+
+    `on_death(number)` is called on the loop once a worker has died and another stands under its number.
+    """
+
+    def __init__(self, size: int, kernel: str, on_death: Callable[[int], None]) -> None:
+        self._size, self._kernel, self._on_death = size, kernel, on_death
+        self._workers: list[Worker] = []
+        self._spare: asyncio.Task[Worker] | None = None
+        self._guards: set[asyncio.Task[None]] = set()
+        self._closing = False
+
+    async def open(self) -> None:
+        """Start all workers; they warm up one after the other, since the first may have to compile for all."""
+        for number in range(self._size):
+            self._workers.append(await self._warm_worker())
+            self._guard(number)
+        self._spare = asyncio.create_task(self._warm_worker(), name="spare worker")
+
+    async def call(self, number: int, method: str, /, **arguments: Any) -> Any:
+        """Call a method of the worker with this number. Raises WorkerError, or WorkerDied."""
+        return await self._workers[number].call(method, **arguments)
+
+    def pids(self) -> list[int]:
+        return [worker.process.pid for worker in self._workers]
+
+    async def close(self) -> None:
+        """End all processes."""
+        self._closing = True
+        for guard in self._guards:
+            guard.cancel()
+        await asyncio.gather(*self._guards, return_exceptions=True)
+        if self._spare is not None:
+            self._spare.cancel()
+            spare = (await asyncio.gather(self._spare, return_exceptions=True))[0]
+            if isinstance(spare, Worker):
+                self._workers.append(spare)
+        await asyncio.gather(*(worker.close() for worker in self._workers))
+
+    async def _warm_worker(self) -> Worker:
+        worker = await Worker.start(TARGET)
+        try:
+            await worker.call("warm", kernel=self._kernel)
+        except BaseException:
+            await worker.close()
+            raise
+        return worker
+
+    def _guard(self, number: int) -> None:
+        guard = asyncio.create_task(self._replace_when_dead(number), name=f"guard of worker {number}")
+        self._guards.add(guard)
+
+    async def _replace_when_dead(self, number: int) -> None:
+        while not self._closing:
+            worker = self._workers[number]
+            await worker.gone.wait()
+            log.error("SLAM worker died", extra={"worker": number, "code": worker.process.returncode})
+            self._workers[number] = await self._next_worker()
+            self._spare = asyncio.create_task(self._warm_worker(), name="spare worker")
+            self._on_death(number)
+
+    async def _next_worker(self) -> Worker:
+        if self._spare is not None:
+            try:
+                spare = await self._spare
+                if not spare.gone.is_set():
+                    return spare
+            except WorkerDied:
+                log.error("the spare SLAM worker died too")
+        return await self._warm_worker()

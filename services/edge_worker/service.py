@@ -1,0 +1,247 @@
+"""An edge worker: the thin shell around two state machines, one for SLAM and one for preparative fusion.
+
+What comes from the bus and from the processes becomes events; instructions are carried out here. Nothing is computed
+in this process: SLAM runs in the pool, fusion in a process of its own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Coroutine
+from typing import Any
+
+from common.bus import Bus, Stream, keys
+from common.bus.intake import Received
+from common.config import Fleet
+from common.errors import PeerError, WorkerDied
+from common.wire import (
+    Ack,
+    EndOfStream,
+    Frame,
+    FramePage,
+    MapNotice,
+    PoseUpdate,
+    RobotProfile,
+    Routes,
+    Transforms,
+    decode,
+    encode,
+)
+from common.workers import WorkerError
+from services.edge_worker import state as slam
+from services.edge_worker.fusion import Fusion
+from services.edge_worker.instance import Acknowledge, Feed, Fetch, Finish, Instruction, Open
+from services.edge_worker.pool import Pool
+from services.edge_worker.report import Report
+from services.edge_worker.robot_maps import RobotMaps
+from services.edge_worker.state import Claim, EdgeState, Listen, Release
+
+TICK_S = 0.5
+
+log = logging.getLogger(__name__)
+
+
+class EdgeWorker:
+    """One edge; `run` returns when `stop` is set."""
+
+    def __init__(self, fleet: Fleet, edge: str, bus: Bus, workers: int, stop: asyncio.Event) -> None:
+        self._fleet, self.edge, self._bus, self._stop = fleet, edge, bus, stop
+        self.state = EdgeState(edge, workers, fleet.edge.window)
+        self._pool = Pool(workers, fleet.slam.kernel, lambda number: self._feed(slam.WorkerDied(number)))
+        self._fusion = Fusion(fleet, edge, bus)
+        self.maps = RobotMaps(edge, self.state, self._pool, bus)
+        self._frames: dict[str, Stream[Received]] = {}
+        self._tasks = asyncio.TaskGroup()
+        self._report = Report(self)
+
+    async def run(self) -> None:
+        try:
+            await self._pool.open()
+            await self._fusion.open()
+            await self.maps.open()
+            await self._bus.declare_alive(keys.edge_alive(self.edge))
+            log.info("ready", extra={"edge": self.edge, "workers": self.state.workers})
+            async with self._tasks as tasks:
+                running = [
+                    tasks.create_task(self._hear(keys.SCHEDULER_ROUTES), name="routes"),
+                    tasks.create_task(self._hear(keys.robot_profile(keys.ANY)), name="profiles"),
+                    tasks.create_task(self._hear(keys.robot_end(keys.ANY)), name="ends"),
+                    tasks.create_task(self._hear(keys.CLOUD_TRANSFORMS), name="transforms"),
+                    tasks.create_task(self._hear(keys.edge_robot_map(keys.ANY, keys.ANY)), name="map notices"),
+                    tasks.create_task(self._tick(), name="tick"),
+                    tasks.create_task(self._publish_maps(), name="maps"),
+                    tasks.create_task(self._fusion.run(), name="fusion"),
+                    tasks.create_task(self._report.run(), name="status"),
+                ]
+                await self._stop.wait()
+                for task in running:
+                    task.cancel()
+                for stream in self._frames.values():
+                    stream.close()
+                await self._pool.close()
+        finally:
+            await self._pool.close()
+            await self._fusion.close()
+
+    # Events in
+
+    async def _hear(self, key_expr: str) -> None:
+        async for received in self._bus.watch(key_expr):
+            match received.message:
+                case Routes() as routes:
+                    self._feed(slam.Routed(routes))
+                    self._fusion.routed(routes)
+                case RobotProfile() as profile:
+                    self._feed(slam.Profiled(profile))
+                case EndOfStream() as end:
+                    self._feed(slam.Ended(end))
+                case MapNotice() as notice:
+                    self._fusion.noticed(notice)
+                case Transforms() as transforms:
+                    self._fusion.world_seen(transforms)
+
+    async def _hear_frames(self, robot: str, stream: Stream[Received]) -> None:
+        async for received in stream:
+            if isinstance(received.message, Frame):
+                if received.sent_s:
+                    self.maps.delayed(robot, time.time() - received.sent_s)
+                self._feed(slam.FrameCame(received.message))
+
+    async def _tick(self) -> None:
+        while True:
+            await asyncio.sleep(TICK_S)
+            self._feed(slam.Tick())
+
+    async def _publish_maps(self) -> None:
+        while True:
+            await asyncio.sleep(self._fleet.edge.map_every_s)
+            await self.maps.tell_all()
+
+    # Instructions out
+
+    def _feed(self, event: slam.Event) -> None:
+        for instruction in self.state.handle(event):
+            self._carry_out(instruction)
+
+    def _carry_out(self, step: Instruction) -> None:
+        match step:
+            case Listen(robot):
+                if robot not in self._frames:
+                    stream = self._frames[robot] = self._bus.subscribe(keys.robot_frames(robot), depth=1024)
+                    self._start(self._hear_frames(robot, stream), f"frames of {robot}")
+            case Open():
+                self._start(self._open(step), f"open {step.robot}")
+            case Feed():
+                self._start(self._process(step), f"scan of {step.robot}")
+            case Fetch():
+                self._start(self._fetch(step), f"fetch from {step.robot}")
+            case Finish():
+                self._start(self._finish(step), f"finish {step.robot}")
+            case Acknowledge(robot):
+                self._start(self._acknowledge(robot), f"ack to {robot}")
+            case Claim():
+                self._start(self._bus.latch(keys.edge_claims(self.edge), self.state.claims()), "claims")
+            case Release(robot, _, worker):
+                self._frames.pop(robot).close()
+                self.maps.forget(robot)
+                self._start(self._close(robot, worker), f"close {robot}")
+
+    def _start(self, work: Coroutine[Any, Any, None], name: str) -> None:
+        self._tasks.create_task(work, name=name)
+
+    async def _open(self, step: Open) -> None:
+        slam_config = self._fleet.slam
+        try:
+            await self._pool.call(
+                step.worker,
+                "open",
+                robot=step.robot,
+                kernel=slam_config.kernel,
+                settings=slam_config.settings,
+                seed=self._fleet.seed,
+            )
+        except WorkerDied:
+            return  # the guard tells, and the instance is opened again
+        log.info("SLAM instance open", extra={"robot": step.robot, "worker": step.worker, "life": step.life})
+        self._feed(slam.Opened(step.robot, step.life))
+
+    async def _process(self, step: Feed) -> None:
+        frame, failed = step.frame, False
+        try:
+            done = await self._pool.call(
+                self.state.instances[step.robot].worker, "process", robot=step.robot, data=encode(frame)
+            )
+            pose: tuple[float, float, float] = tuple(done["pose"])
+            update = PoseUpdate(robot=step.robot, edge=self.edge, seq=frame.seq, stamp=frame.stamp, pose=pose)
+            self._bus.put(keys.edge_pose(self.edge, step.robot), update)
+        except (WorkerDied, KeyError):
+            return
+        except WorkerError as error:
+            failed = True
+            self._report.problem(f"robot/{step.robot}: frame {frame.seq} set aside: {error}")
+        self._feed(slam.FrameDone(step.robot, step.life, frame.seq, failed))
+
+    async def _fetch(self, step: Fetch) -> None:
+        params: dict[str, str | int] = {"from": step.start}
+        if step.stream:
+            params["stream"] = step.stream
+        try:
+            answers = await self._bus.get(keys.robot_backfill(step.robot), params)
+            page = answers[0].message if answers else None
+            if not isinstance(page, FramePage):
+                self._feed(slam.FetchFailed(step.robot, step.life))
+                return
+            frames = [decode(data, sender=f"robot/{step.robot}") for data in page.frames]
+        except PeerError as error:
+            log.debug("backfill failed", extra={"robot": step.robot, "reason": error})
+            self._feed(slam.FetchFailed(step.robot, step.life))
+            return
+        usable = tuple(frame for frame in frames if isinstance(frame, Frame) and frame.robot == step.robot)
+        self._feed(slam.PageCame(step.robot, step.life, usable, page.oldest, page.next is not None))
+
+    async def _finish(self, step: Finish) -> None:
+        try:
+            await self._pool.call(self.state.instances[step.robot].worker, "finish", robot=step.robot)
+        except (WorkerDied, KeyError):
+            return
+        except WorkerError as error:
+            self._report.problem(f"robot/{step.robot}: last refinement failed: {error}")
+        self._feed(slam.InstanceFinished(step.robot, step.life))
+        await self.maps.tell(step.robot)
+
+    async def _close(self, robot: str, worker: int) -> None:
+        try:
+            await self._pool.call(worker, "close", robot=robot)
+        except WorkerDied:
+            return
+        log.info("SLAM instance released", extra={"robot": robot})
+
+    async def _acknowledge(self, robot: str) -> None:
+        instance = self.state.instances.get(robot)
+        if instance is not None and instance.stream:
+            ack = Ack(
+                robot=robot,
+                edge=self.edge,
+                stream=instance.stream,
+                epoch=instance.epoch,
+                processed=instance.processed,
+                durable=-1,  # until instances are checkpointed, only the robot's spool outlives this edge
+                window=self._fleet.edge.window,
+            )
+            await self._bus.latch(keys.edge_ack(self.edge, robot), ack)
+
+    def worker_pids(self) -> list[int]:
+        return [*self._pool.pids(), *self._fusion.pids()]
+
+    @property
+    def fusion(self) -> Fusion:
+        return self._fusion
+
+    @property
+    def bus(self) -> Bus:
+        return self._bus
+
+    def dropped(self) -> int:
+        return sum(stream.dropped for stream in self._frames.values())

@@ -1,0 +1,118 @@
+"""What runs inside a SLAM worker process: the instances pinned to it, and answers about their maps."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from common.errors import UsageError
+from common.grid.paging import page
+from common.grid.raster import Raster
+from common.grid.tiles import encode_counts, encode_occupancy
+from common.wire import Frame, TrajectoryPage, decode, encode
+from services.edge_worker.slam.kernel import Kernel, create
+
+TRAJECTORY_ROWS = 4096
+"""rows in one page of a trajectory (32 bytes each)"""
+
+
+@dataclass
+class Instance:
+    """One robot's SLAM and what has been told about it."""
+
+    kernel: Kernel
+    sketch: Raster
+    seq: int = -1
+    """last frame taken"""
+    final: bool = False
+    spent_s: float = 0.0
+    recent_s: list[float] = field(default_factory=list)
+
+
+class SlamHost:
+    """Called through common.workers; arguments and results are plain msgpack values."""
+
+    def __init__(self) -> None:
+        self._instances: dict[str, Instance] = {}
+
+    def warm(self, kernel: str) -> None:
+        """Import the kernel and load its compiled code, so that the first robot does not wait for it."""
+        from services.edge_worker.slam.warmup import warmup
+
+        create(kernel, {})
+        warmup()
+
+    def open(self, robot: str, kernel: str, settings: dict[str, Any], seed: int) -> None:
+        """A fresh instance; an older one of this robot is forgotten."""
+        made = create(kernel, settings, seed)
+        self._instances[robot] = Instance(made, Raster(made.map().resolution))
+
+    def close(self, robot: str) -> None:
+        self._instances.pop(robot, None)
+
+    def process(self, robot: str, data: bytes) -> dict[str, Any]:
+        """Take one encoded Frame: pose (x, y, theta), whether the scan matched, and the time it took."""
+        instance = self._instance(robot)
+        frame = decode(data, sender=robot)
+        if not isinstance(frame, Frame):
+            raise UsageError(f"{robot}: {type(frame).__name__} is no frame")
+        begin = time.perf_counter()
+        estimate = instance.kernel.process(frame)
+        seconds = time.perf_counter() - begin
+        instance.seq = frame.seq
+        instance.spent_s += seconds
+        instance.recent_s = [*instance.recent_s[-99:], seconds]
+        return {"pose": [float(v) for v in estimate.pose], "stamp": frame.stamp, "matched": bool(estimate.matched)}
+
+    def finish(self, robot: str) -> None:
+        """The robot's stream has ended: refine once more; the map is final."""
+        instance = self._instance(robot)
+        instance.kernel.finish()
+        instance.final = True
+
+    def news(self, robot: str) -> dict[str, Any]:
+        """Version of the map and what it contains, after taking everything in."""
+        instance = self._instance(robot)
+        grid = instance.kernel.map()
+        instance.sketch.follow(grid)
+        return {
+            "version": grid.version,
+            "resolution": grid.resolution,
+            "seq": instance.seq,
+            "final": instance.final,
+            "slam_s": instance.spent_s,
+            "scan_s": float(np.median(instance.recent_s)) if instance.recent_s else 0.0,
+        }
+
+    def tiles(self, robot: str, kind: str, since: int, cursor: str, limit_bytes: int) -> dict[str, Any]:
+        """One page of changed tiles, of the counts or of the sketch."""
+        instance = self._instance(robot)
+        told = self.news(robot)
+        if kind == "occupancy":
+            found = page(instance.sketch, since, cursor, limit_bytes, encode_occupancy)
+            told["version"] = instance.sketch.version
+        else:
+            found = page(instance.kernel.map(), since, cursor, limit_bytes, encode_counts)
+        return {**told, "tiles": found.tiles, "next": found.next}
+
+    def trajectory(self, robot: str, start: int) -> bytes:
+        """An encoded TrajectoryPage from row `start` on."""
+        instance = self._instance(robot)
+        rows = np.ascontiguousarray(instance.kernel.trajectory(), dtype=np.float64)
+        end = start + TRAJECTORY_ROWS
+        return encode(
+            TrajectoryPage(
+                robot=robot,
+                version=instance.kernel.map().version,
+                poses=rows[start:end],
+                next=end if end < len(rows) else None,
+            )
+        )
+
+    def _instance(self, robot: str) -> Instance:
+        if robot not in self._instances:
+            raise UsageError(f"no SLAM instance of {robot} here; ask the edge that the routing table names")
+        return self._instances[robot]
