@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 import pytest
 from list_source import ListSource, sweeps
+from router_process import router_process
 
-from common.bus import Bus, Router, Stream, keys
+from common.bus import Bus, Stream, keys
 from common.bus.intake import Received
 from common.config import BusConfig, EdgeConfig, Fleet, RobotConfig, RobotEntry, SimSource
 from common.errors import PeerError, UsageError
@@ -107,11 +108,11 @@ async def status_when(bus: Bus, wanted: Callable[[RobotStatus], bool]) -> RobotS
 
 
 async def test_frames_arrive_in_order_and_no_farther_than_the_window(
-    router: Router, root: str, open_bus: OpenBus, tmp_path: Path
+    endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path
 ) -> None:
     bus = await open_bus()
     edge = PlayedEdge(bus)
-    async with running(fleet_at(router.endpoint, root, window=8), tmp_path, sweeps(20)) as agent:
+    async with running(fleet_at(endpoint, root, window=8), tmp_path, sweeps(20)) as agent:
         profile = await known(bus)
         assert (profile.range_max, profile.start) == (8.0, (1.0, 2.0, 0.5))
         await status_when(bus, lambda status: status.sent == 8)
@@ -126,18 +127,18 @@ async def test_frames_arrive_in_order_and_no_farther_than_the_window(
         assert [frame.seq for frame in streamed] == list(range(streamed[0].seq, streamed[0].seq + 8))
 
 
-async def test_a_live_robot_is_never_blocked(router: Router, root: str, open_bus: OpenBus, tmp_path: Path) -> None:
+async def test_a_live_robot_is_never_blocked(endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path) -> None:
     bus = await open_bus()
-    async with running(fleet_at(router.endpoint, root, window=2), tmp_path, sweeps(50), can_wait=False):
+    async with running(fleet_at(endpoint, root, window=2), tmp_path, sweeps(50), can_wait=False):
         assert (await end_of(bus)).last_seq == 49
 
 
 async def test_the_whole_spool_is_backfilled_in_pages_of_bounded_size(
-    router: Router, root: str, open_bus: OpenBus, tmp_path: Path
+    endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path
 ) -> None:
     bus = await open_bus()
     given = sweeps(60, beams=8000)
-    async with running(fleet_at(router.endpoint, root), tmp_path, given):
+    async with running(fleet_at(endpoint, root), tmp_path, given):
         await end_of(bus)
         edge = PlayedEdge(bus)
         frames = await edge.backfill()
@@ -152,20 +153,20 @@ async def test_the_whole_spool_is_backfilled_in_pages_of_bounded_size(
 
 @pytest.mark.parametrize(("params", "reason"), [({"stream": "f" * 32}, "streams"), ({"to": "x"}, "no frame number")])
 async def test_a_query_that_cannot_be_served_is_refused_with_the_reason(
-    router: Router, root: str, open_bus: OpenBus, tmp_path: Path, params: dict[str, str], reason: str
+    endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path, params: dict[str, str], reason: str
 ) -> None:
     bus = await open_bus()
-    async with running(fleet_at(router.endpoint, root), tmp_path, sweeps(3)):
+    async with running(fleet_at(endpoint, root), tmp_path, sweeps(3)):
         await known(bus)
         with pytest.raises(PeerError, match=reason):
             await PlayedEdge(bus).backfill(**params)
 
 
 async def test_what_is_durable_leaves_the_spool_and_the_rest_stays(
-    router: Router, root: str, open_bus: OpenBus, tmp_path: Path
+    endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path
 ) -> None:
     bus = await open_bus()
-    async with running(fleet_at(router.endpoint, root), tmp_path, sweeps(30)):
+    async with running(fleet_at(endpoint, root), tmp_path, sweeps(30)):
         end = await end_of(bus)
         edge = PlayedEdge(bus)
         await edge.ack(end.stream, processed=25, durable=9)
@@ -175,10 +176,10 @@ async def test_what_is_durable_leaves_the_spool_and_the_rest_stays(
 
 
 async def test_after_a_hand_over_the_old_edge_is_not_heard_and_the_new_one_gets_all_that_it_lacks(
-    router: Router, root: str, open_bus: OpenBus, tmp_path: Path
+    endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path
 ) -> None:
     bus = await open_bus()
-    async with running(fleet_at(router.endpoint, root), tmp_path, sweeps(30)) as agent:
+    async with running(fleet_at(endpoint, root), tmp_path, sweeps(30)) as agent:
         end = await end_of(bus)
         old, new = PlayedEdge(bus), PlayedEdge(bus, "e2", epoch=(1, 2))
         await old.ack(end.stream, processed=29, durable=9)
@@ -194,13 +195,13 @@ async def test_after_a_hand_over_the_old_edge_is_not_heard_and_the_new_one_gets_
 
 
 async def test_a_robot_told_to_leaves_once_the_edge_has_everything(
-    router: Router, root: str, open_bus: OpenBus, tmp_path: Path
+    endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path
 ) -> None:
     bus = await open_bus()
     stop = asyncio.Event()
     with Spool(tmp_path / "s", ROBOT, 2**30) as spool:
         collector = Collector(ListSource(sweeps(10)), spool)
-        agent = RobotAgent(fleet_at(router.endpoint, root), ENTRY, collector, spool, stop, exit_when_processed=True)
+        agent = RobotAgent(fleet_at(endpoint, root), ENTRY, collector, spool, stop, exit_when_processed=True)
         task = asyncio.create_task(agent.run())
         end = await end_of(bus)
         assert not task.done()
@@ -209,10 +210,10 @@ async def test_a_robot_told_to_leaves_once_the_edge_has_everything(
 
 
 async def test_a_second_robot_of_the_same_name_is_refused(
-    router: Router, root: str, open_bus: OpenBus, tmp_path: Path
+    endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path
 ) -> None:
     bus = await open_bus()
-    fleet = fleet_at(router.endpoint, root)
+    fleet = fleet_at(endpoint, root)
     async with running(fleet, tmp_path, sweeps(3)) as agent:
         await known(bus)
         with Spool(tmp_path / "other", ROBOT, 2**30) as spool, pytest.raises(ExceptionGroup) as refused:
@@ -222,34 +223,27 @@ async def test_a_second_robot_of_the_same_name_is_refused(
 
 
 async def test_a_robot_alone_spools_and_streams_when_the_router_comes(root: str, tmp_path: Path) -> None:
-    router = await Router.open()
-    endpoint = router.endpoint
-    await router.close()
+    with router_process() as endpoint:
+        pass
     async with running(fleet_at(endpoint, root, timeout_s=0.3), tmp_path, sweeps(10)) as agent:
         await until(lambda: agent.state.ended)
-        async with (
-            await Router.open(endpoint),
-            await Bus.open(endpoint, name="e1", role="edge", root=root) as bus,
-        ):
-            assert (await end_of(bus)).last_seq == 9
-            assert [frame.seq for frame in await PlayedEdge(bus).backfill()] == list(range(10))
+        with router_process(endpoint):
+            async with await Bus.open(endpoint, name="e1", role="edge", root=root) as bus:
+                assert (await end_of(bus)).last_seq == 9
+                assert [frame.seq for frame in await PlayedEdge(bus).backfill()] == list(range(10))
 
 
-async def test_a_router_that_dies_and_comes_back_costs_no_frame(root: str, tmp_path: Path) -> None:
-    router = await Router.open()
-    endpoint = router.endpoint
-    async with running(fleet_at(endpoint, root, window=8), tmp_path, sweeps(30)) as agent:
-        await until(lambda: agent.status().sent == 8)
-        await router.close()
-        async with (
-            await Router.open(endpoint),
-            await Bus.open(endpoint, name="e1", role="edge", root=root) as bus,
-        ):
-            edge = PlayedEdge(bus)
-            stream = (await known(bus)).stream
-            await edge.ack(stream, processed=7)
-            assert (await end_of(bus)).last_seq == 29
-            assert [frame.seq for frame in await edge.backfill()] == list(range(30))
+async def test_a_router_that_is_killed_and_comes_back_costs_no_frame(root: str, tmp_path: Path) -> None:
+    async with AsyncExitStack() as stack:
+        with router_process() as endpoint:
+            agent = await stack.enter_async_context(running(fleet_at(endpoint, root, window=8), tmp_path, sweeps(30)))
+            await until(lambda: agent.status().sent == 8)
+        with router_process(endpoint):
+            async with await Bus.open(endpoint, name="e1", role="edge", root=root) as bus:
+                edge = PlayedEdge(bus)
+                await edge.ack((await known(bus)).stream, processed=7)
+                assert (await end_of(bus)).last_seq == 29
+                assert [frame.seq for frame in await edge.backfill()] == list(range(30))
 
 
 async def until(condition: Callable[[], bool]) -> None:

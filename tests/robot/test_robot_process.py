@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from common.bus import Bus, Router, keys
+from common.bus import Bus, keys
 from common.parent import Leash
 from common.wire import EndOfStream, Frame, FramePage, RobotStatus, decode
 
@@ -40,12 +40,12 @@ def fleet_file(tmp_path: Path, root: str) -> Path:
 
 
 @pytest.fixture
-def start(router: Router, fleet_file: Path, tmp_path: Path) -> Iterator[Start]:
+def start(endpoint: str, fleet_file: Path, tmp_path: Path) -> Iterator[Start]:
     processes: list[subprocess.Popen[str]] = []
 
     def start_one(*arguments: str, **options: object) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", "services.robot_agent", "--config", str(fleet_file), "--id", "r1"]
-        command += ["--endpoint", router.endpoint, "--spool", str(tmp_path / "spool"), *arguments]
+        command += ["--endpoint", endpoint, "--spool", str(tmp_path / "spool"), *arguments]
         process: subprocess.Popen[str] = subprocess.Popen(  # type: ignore[call-overload]
             command, stderr=subprocess.PIPE, text=True, **options
         )
@@ -59,8 +59,8 @@ def start(router: Router, fleet_file: Path, tmp_path: Path) -> Iterator[Start]:
 
 
 @pytest.fixture
-async def edge(router: Router, root: str) -> object:
-    async with await Bus.open(router.endpoint, name="e1", role="edge", root=root) as bus:
+async def edge(endpoint: str, root: str) -> object:
+    async with await Bus.open(endpoint, name="e1", role="edge", root=root) as bus:
         yield bus
 
 
