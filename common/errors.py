@@ -59,5 +59,9 @@ class WorkerDied(RecslamError):
     """A worker process ended while it held work."""
 
 
+class ServiceDied(RecslamError):
+    """A service of a cluster ended by itself; the message has the end of its log."""
+
+
 class SnapshotRefused(UsageError):
     """A SLAM snapshot that is foreign, corrupt or newer than this program."""

@@ -1,0 +1,1 @@
+"""What the `recslam` command does; `services/cli.py` is its face."""

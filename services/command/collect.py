@@ -1,0 +1,149 @@
+"""What a cluster has made, fetched from the keys that anybody may read."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.bus import Bus, keys
+from common.errors import PeerError, QueryFailed
+from common.geometry import compose
+from common.grid import Grid
+from common.grid.tiles import decode_counts
+from common.wire import (
+    CloudStatus,
+    EdgeStatus,
+    GlobalMapNotice,
+    Message,
+    OverlapMatrix,
+    Plan,
+    RobotStatus,
+    Routes,
+    SchedulerStatus,
+    TilePage,
+    TrajectoryPage,
+    Transforms,
+)
+
+M = TypeVar("M", bound=Message)
+
+PATIENCE_S = 5.0
+TRIES = 5
+"""times that a map may change while it is being fetched"""
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Statuses:
+    """The last words of everybody, by name."""
+
+    robots: Mapping[str, RobotStatus] = field(default_factory=dict)
+    edges: Mapping[str, EdgeStatus] = field(default_factory=dict)
+    cloud: CloudStatus | None = None
+    scheduler: SchedulerStatus | None = None
+    routes: Routes | None = None
+    plan: Plan | None = None
+    overlap: OverlapMatrix | None = None
+
+
+@dataclass(frozen=True)
+class GlobalMap:
+    """One version of the global map with all that belongs to it."""
+
+    notice: GlobalMapNotice
+    grid: Grid
+    transforms: Transforms
+    trajectories: Mapping[str, NDArray[np.float64]]
+    """robot → (n, 4) stamp s, x m, y m, theta rad in the world; robots that lie nowhere are left out"""
+
+
+async def global_map(bus: Bus) -> GlobalMap:
+    """The newest global map. Raises QueryFailed when there is none."""
+    for _ in range(TRIES):
+        notice = await one(bus, keys.CLOUD_MAP, GlobalMapNotice)
+        transforms = await one(bus, keys.CLOUD_TRANSFORMS, Transforms)
+        if notice is None or transforms is None:
+            raise QueryFailed("there is no global map yet; see `recslam status`", keys.CLOUD_MAP)
+        grid = await fetch_grid(bus)
+        if grid.digest() == notice.digest and transforms.world_epoch == notice.world_epoch:
+            return GlobalMap(notice, grid, transforms, await trajectories(bus, transforms))
+        await asyncio.sleep(0.2)
+    raise QueryFailed(f"the map changed {TRIES} times while it was being fetched; try again", keys.CLOUD_MAP)
+
+
+async def fetch_grid(bus: Bus) -> Grid:
+    """All tiles of the global map."""
+    grid: Grid | None = None
+    async for page in bus.pages(f"{keys.CLOUD_MAP}/tiles", {"since": 0}):
+        if not isinstance(page, TilePage):
+            raise QueryFailed(f"answered with a {type(page).__name__}, not with tiles", keys.CLOUD_MAP)
+        grid = grid or Grid(page.resolution)
+        grid.replace([((tile.x, tile.y), decode_counts(tile.data, page.source)) for tile in page.tiles])
+    assert grid is not None  # there is a first page, or QueryFailed
+    return grid
+
+
+async def trajectories(bus: Bus, transforms: Transforms) -> dict[str, NDArray[np.float64]]:
+    """Every placed robot's trajectory in the world; one that cannot be had is left out and logged."""
+    routes = await one(bus, keys.SCHEDULER_ROUTES, Routes)
+    found: dict[str, NDArray[np.float64]] = {}
+    for robot, placed in sorted(transforms.robots.items()):
+        route = routes.routes.get(robot) if routes is not None else None
+        if route is None:
+            log.warning("no route tells where the trajectory is", extra={"robot": robot})
+            continue
+        try:
+            own = await _trajectory(bus, route.slam_edge, robot)
+        except PeerError as error:
+            log.warning("trajectory not to be had", extra={"robot": robot, "reason": error})
+            continue
+        found[robot] = np.column_stack([own[:, 0], compose(placed.transform.pose(), own[:, 1:])])
+    return found
+
+
+async def statuses(bus: Bus) -> Statuses:
+    """Whatever is latched now; who does not answer is left out."""
+    robots = await several(bus, keys.robot_status(keys.ANY), RobotStatus)
+    edges = await several(bus, keys.edge_status(keys.ANY), EdgeStatus)
+    return Statuses(
+        robots={status.robot: status for status in sorted(robots, key=lambda status: status.robot)},
+        edges={status.edge: status for status in sorted(edges, key=lambda status: status.edge)},
+        cloud=await one(bus, keys.CLOUD_STATUS, CloudStatus),
+        scheduler=await one(bus, keys.SCHEDULER_STATUS, SchedulerStatus),
+        routes=await one(bus, keys.SCHEDULER_ROUTES, Routes),
+        plan=await one(bus, keys.SCHEDULER_PLAN, Plan),
+        overlap=await one(bus, keys.SCHEDULER_OVERLAP, OverlapMatrix),
+    )
+
+
+async def one(bus: Bus, key: str, kind: type[M]) -> M | None:
+    """The latched value of a key; None when nobody answers."""
+    found = await several(bus, key, kind)
+    return found[0] if found else None
+
+
+async def several(bus: Bus, key: str, kind: type[M]) -> list[M]:
+    """The latched values of a wildcard key."""
+    try:
+        answers = await bus.get(key, timeout_s=PATIENCE_S, everyone=True)
+    except PeerError as error:
+        log.warning("no good answer", extra={"key": key, "reason": error})
+        return []
+    return [answer.message for answer in answers if isinstance(answer.message, kind)]
+
+
+async def _trajectory(bus: Bus, edge: str, robot: str) -> NDArray[np.float64]:
+    """(n, 4) in the robot's own map frame."""
+    parts = [np.empty((0, 4))]
+    async for page in bus.pages(keys.edge_trajectory(edge, robot)):
+        if not isinstance(page, TrajectoryPage):
+            raise QueryFailed(f"answered with a {type(page).__name__}, not with a trajectory", edge)
+        parts.append(page.poses)
+    return np.concatenate(parts)

@@ -1,0 +1,116 @@
+"""Finds out why a cluster does not work: the router, a round trip, versions, who is alive, who publishes what."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import AsyncIterator, Mapping
+from dataclasses import dataclass
+
+from common.bus import Bus, keys
+from common.errors import PeerError
+from common.wire import Message, Refusal, RobotStatus, Routes
+from services.command import collect
+from services.command.finding import Place
+from services.command.report import machine, versions
+
+LISTEN_S = 1.5
+"""longer than the second between two statuses of a service"""
+
+LATCHED = (
+    keys.robot_profile(keys.ANY),
+    keys.robot_status(keys.ANY),
+    keys.robot_end(keys.ANY),
+    keys.edge_status(keys.ANY),
+    keys.edge_claims(keys.ANY),
+    keys.edge_verdicts(keys.ANY),
+    keys.edge_map(keys.ANY),
+    keys.edge_ack(keys.ANY, keys.ANY),
+    keys.edge_robot_map(keys.ANY, keys.ANY),
+    keys.CLOUD_STATUS,
+    keys.CLOUD_MAP,
+    keys.CLOUD_TRANSFORMS,
+    keys.CLOUD_VERDICTS,
+    keys.SCHEDULER_STATUS,
+    keys.SCHEDULER_ROUTES,
+    keys.SCHEDULER_PLAN,
+    keys.SCHEDULER_OVERLAP,
+)
+
+
+@dataclass(frozen=True)
+class Finding:
+    ok: bool
+    what: str
+    text: str
+
+
+async def examine(place: Place) -> AsyncIterator[Finding]:
+    """One finding after the other. Raises RouterUnreachable, naming the endpoint, when there is no router."""
+    software = ", ".join(f"{name} {value}" for name, value in versions().items())
+    yield Finding(True, "here", f"{software}; {', '.join(str(value) for value in machine().values())} cores")
+    started = time.monotonic()
+    async with await place.open() as bus:
+        took = (time.monotonic() - started) * 1000
+        yield Finding(True, "router", f"{place.endpoint} answers after {took:.0f} ms (found by {place.found})")
+        yield await _round_trip(bus)
+        alive = await _alive(bus)
+        yield Finding(bool(alive), "alive", ", ".join(sorted(alive)) or "nobody: start services, or check bus.root")
+        for tier in ("scheduler", "cloud"):
+            if alive and tier not in alive:
+                yield Finding(False, tier, f"is not there: `recslam {tier}` starts it")
+        async for finding in _published(bus, alive):
+            yield finding
+        for problem in bus.problems:
+            yield Finding(False, "refused", problem)
+
+
+async def _round_trip(bus: Bus) -> Finding:
+    """A message of our own there and back: what access control denies is silent to its client."""
+    key = keys.robot_status(f"doctor-{os.getpid()}")
+
+    async def answer(asked: str, params: Mapping[str, str]) -> Message:
+        return Refusal(reason="round trip")
+
+    await bus.serve(key, answer)
+    started = time.monotonic()
+    try:
+        answers = await bus.get(key, {"from": "doctor"}, timeout_s=2.0)
+    except PeerError as error:
+        return Finding(False, "round trip", str(error))
+    took = (time.monotonic() - started) * 1000
+    return Finding(bool(answers), "round trip", f"{took:.1f} ms" if answers else "no answer: is it denied to us?")
+
+
+async def _alive(bus: Bus) -> set[str]:
+    """`scheduler`, `cloud`, `edge/edge-1`, `robot/r1`: whose liveliness tokens there are."""
+    found: set[str] = set()
+
+    async def listen() -> None:
+        async for token in bus.watch_alive("**/alive"):
+            name = token.key.removesuffix("/alive")
+            (found.add if token.alive else found.discard)(name)
+
+    listening = asyncio.create_task(listen(), name="listen for tokens")
+    await asyncio.sleep(LISTEN_S)
+    listening.cancel()
+    return found
+
+
+async def _published(bus: Bus, alive: set[str]) -> AsyncIterator[Finding]:
+    robots = await collect.several(bus, keys.robot_status(keys.ANY), RobotStatus)
+    routes = await collect.one(bus, keys.SCHEDULER_ROUTES, Routes)
+    for robot in robots:
+        if routes is not None and robot.robot not in routes.routes:
+            yield Finding(False, f"robot/{robot.robot}", "has no route: no edge within reach is alive?")
+        if robot.dropped:
+            yield Finding(False, f"robot/{robot.robot}", f"lost {robot.dropped} frames to a full spool")
+    for key in LATCHED:
+        try:
+            answers = await bus.get(key, timeout_s=2.0, everyone=True)
+        except PeerError as error:
+            yield Finding(False, key, str(error))
+            continue
+        for answer in sorted(answers, key=lambda answer: answer.key):
+            yield Finding(True, answer.key, f"{type(answer.message).__name__}, {answer.size} bytes")
