@@ -8,7 +8,6 @@ import threading
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
 from typing import Any, TypeVar
@@ -18,6 +17,7 @@ from zenoh import CongestionControl, ext
 from zenoh.handlers import Callback, RingChannel
 
 from common.bus.asking import Asker
+from common.bus.events import Alive, Link
 from common.bus.intake import Counters, Intake, Received
 from common.bus.opening import close_with_process, open_session
 from common.bus.server import Handler, Server
@@ -34,21 +34,6 @@ HEARTBEAT_S = 1.0
 """how soon a lost latched update is noticed and fetched again"""
 EVENTS_DEPTH = 4096
 """liveliness and link events kept for a slow consumer: a burst on a router's return has one for each token"""
-
-
-@dataclass(frozen=True)
-class Alive:
-    """A liveliness token came or went. A lost router takes all tokens away at once: see `Link`."""
-
-    key: str
-    alive: bool
-
-
-@dataclass(frozen=True)
-class Link:
-    """The router came or went."""
-
-    up: bool
 
 
 class Bus:
@@ -145,6 +130,15 @@ class Bus:
         if new:
             await self._asker.settle()
 
+    async def unlatch(self, key: str) -> None:
+        """Take the value of `key` back: who comes later finds none. Nothing happens when there is none."""
+        self._check_open()
+        publisher = self._publishers.pop(key, None)
+        if publisher is not None:
+            self._server.unlatch(key)
+            publisher.undeclare()
+            await self._asker.settle()
+
     def subscribe(self, key_expr: str, *, depth: int = 256) -> Stream[Received]:
         """What is put from now on."""
         self._check_open()
@@ -234,6 +228,7 @@ class Bus:
 
     def _feed(self, stream: Stream[Received], declared: Declared, items: Any) -> None:
         stream.hold(declared)
+        self._streams = [other for other in self._streams if not other.closed]
         self._streams.append(stream)
         self._threads = [thread for thread in self._threads if thread.is_alive()]
         self._threads.append(stream.read(items))

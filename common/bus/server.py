@@ -66,6 +66,14 @@ class Server:
         if not any(served.covers(key) for served in self._served.values()):
             self._declare(Served(key, None))
 
+    def unlatch(self, key: str) -> None:
+        """There is no latched value for `key` any more."""
+        self._latched.pop(key, None)
+        served = self._served.get(key)
+        if served is not None and served.handler is None and served.queryable is not None:
+            served.queryable.undeclare()
+            del self._served[key]
+
     def serve(self, key_expr: str, handler: Handler) -> None:
         """From now on `handler` answers queries with parameters on `key_expr`."""
         old = self._served.get(key_expr)

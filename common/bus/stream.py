@@ -46,7 +46,8 @@ class Stream(Generic[T]):
         self._lock = threading.Lock()
         self._event = asyncio.Event()
         self._waking = False
-        self._closed = False
+        self.closed = False
+        """nothing more will come"""
         self._taken = 0
         self._declared: list[Declared] = []
 
@@ -79,7 +80,7 @@ class Stream(Generic[T]):
 
     def finish(self) -> None:
         """Nothing more will come; from any thread. What is here can still be taken."""
-        self._closed = True
+        self.closed = True
         self._wake()
 
     def close(self) -> None:
@@ -108,7 +109,7 @@ class Stream(Generic[T]):
                 accepted = self._accept(item)
                 if accepted is not None:
                     return accepted
-            elif self._closed:
+            elif self.closed:
                 raise StopAsyncIteration
             else:
                 await self._event.wait()
@@ -122,7 +123,7 @@ class Stream(Generic[T]):
         try:
             self._loop.call_soon_threadsafe(self._woken)
         except RuntimeError:  # the loop is closed: nobody will take anything any more
-            self._closed = True
+            self.closed = True
 
     def _woken(self) -> None:
         with self._lock:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import pytest
 from probes import OpenBus, hear, number, routes
 
@@ -67,3 +69,23 @@ async def test_a_value_that_is_gone_with_its_owner_is_read_no_more(open_bus: Ope
     await scheduler.close()
     while await reader.get(KEY):
         pass
+
+
+@pytest.mark.parametrize("served", [True, False])
+async def test_a_value_taken_back_is_found_no_more_and_can_be_set_again(open_bus: OpenBus, served: bool) -> None:
+    async def nothing(key: str, params: Mapping[str, str]) -> None:
+        return None
+
+    edge, reader = await open_bus("edge"), await open_bus("reader")
+    if served:
+        await edge.serve("scheduler/**", nothing)
+    await edge.latch(KEY, routes(1))
+    await edge.latch(keys.SCHEDULER_PLAN, routes(2))
+    await edge.unlatch(KEY)
+    await edge.unlatch(KEY)
+    assert await reader.get(KEY) == []
+    stream = reader.watch("scheduler/*")
+    assert number(await anext(stream)) == 2
+    await edge.latch(KEY, routes(3))
+    assert number(await anext(stream)) == 3
+    assert [number(received) for received in await reader.get(KEY)] == [3]
