@@ -45,7 +45,7 @@ class LaserScan(Part):
     @staticmethod
     def quantise(ranges: np.ndarray, quantum: float) -> np.ndarray:
         """float ranges in metres (n,) as uint16 counts, with codes for NaN, +inf and -inf."""
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             counts = np.where(np.isfinite(ranges), np.rint(ranges / quantum), 0)
         out = np.clip(counts, 0, MINUS_INF_CODE - 1).astype(np.uint16)
         out[np.isnan(ranges)] = NAN_CODE

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Mapping
 
 from common.bus import Bus, keys
 from common.config import Fleet, RobotEntry
-from common.errors import PeerError, RouterUnreachable, UsageError
+from common.errors import PeerError, RouterUnreachable, SpoolFull, UsageError
 from common.telemetry import process_stats
 from common.wire import Ack, EndOfStream, FramePage, Message, RobotProfile, RobotStatus, Routes
 from common.wire.limits import MAX_PAGE_BYTES
@@ -113,7 +113,7 @@ class RobotAgent:
                 if not self._stop.is_set():
                     self._tasks.create_task(self._collect(limit), name="collect")
             case Trim(durable):
-                self._tasks.create_task(asyncio.to_thread(self._spool.trim, durable), name="trim")
+                self._tasks.create_task(self._trim(durable), name="trim")
             case AnnounceEnd(last_seq):
                 log.info("source has ended", extra={"last_seq": last_seq})
                 self._tasks.create_task(self._announce_end(), name="announce end")
@@ -134,6 +134,12 @@ class RobotAgent:
                 self._bus.put(keys.robot_frames(self._entry.id), frame)
             self._bytes_sent += taken.bytes
         self._feed(Collected(self._spool.now().next_seq - 1))
+
+    async def _trim(self, durable: int) -> None:
+        try:
+            await asyncio.to_thread(self._spool.trim, durable)
+        except SpoolFull as error:  # the next ack tries again
+            log.warning("durable frames stay in the spool", extra={"reason": error})
 
     # With a router
 
