@@ -16,7 +16,9 @@ from common.fusion.cycles import Measurement
 from common.fusion.match import Match, match, track
 from common.fusion.matchmap import MatchMap
 from common.fusion.settings import FusionSettings
-from common.wire.edge import PairVerdict
+from common.fusion.solve import Solved
+from common.wire.base import PoseTuple
+from common.wire.edge import Component, PairVerdict
 
 GROWTH = 0.1
 """share of new known cells from which on an undecided pair is looked at again"""
@@ -110,6 +112,14 @@ def measurements(verdicts: Iterable[PairVerdict]) -> dict[Pair, Measurement]:
             else:
                 out[each.a, each.b] = Measurement(pose, np.asarray(each.information, np.float64).reshape(3, 3))
     return out
+
+
+def component(solved: Solved) -> Component:
+    """The message about robots whose relative transforms are known."""
+    transforms: dict[str, PoseTuple] = {
+        name: (float(pose[0]), float(pose[1]), float(pose[2])) for name, pose in solved.transforms.items()
+    }
+    return Component(id=solved.id, robots=solved.robots, transforms=transforms)
 
 
 def all_pairs(robots: Iterable[str]) -> list[Pair]:

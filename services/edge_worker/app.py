@@ -8,9 +8,10 @@ import os
 from collections.abc import Sequence
 
 from common.bus import Bus
+from common.fusion.check import check
 from common.service import arguments, load_fleet, run
 from services.edge_worker.service import EdgeWorker
-from services.edge_worker.settings import check
+from services.edge_worker.slam.kernel import create
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -24,6 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 async def _edge(args: argparse.Namespace, stop: asyncio.Event) -> None:
     fleet = load_fleet(args)
     check(fleet)
+    create(fleet.slam.kernel, fleet.slam.settings, fleet.seed)  # refuses settings before anything is started
     workers = fleet.edge.workers or os.cpu_count() or 1
     async with await Bus.open(
         fleet.bus.endpoint, name=args.id, role="edge", root=fleet.bus.root, timeout_s=fleet.bus.timeout_s

@@ -12,7 +12,7 @@ from typing import Any
 from common.errors import UsageError
 from common.fusion.layout import bounds, lay_out
 from common.fusion.matchmap import MatchMap
-from common.fusion.pairs import PairTable, all_pairs, measurements
+from common.fusion.pairs import PairTable, all_pairs, component, measurements
 from common.fusion.settings import FusionSettings
 from common.fusion.solve import Solved, solve
 from common.geometry.se2 import compose
@@ -21,7 +21,7 @@ from common.grid.compose import cap_votes, compose_into
 from common.grid.paging import page
 from common.grid.render import render
 from common.grid.tiles import decode_counts, encode_counts
-from common.wire import Component, FixedPose, PoseTuple, Transforms, Verdicts, decode, encode
+from common.wire import FixedPose, Transforms, Verdicts, decode, encode
 
 VOTES = 255
 """visits of a cell that count of one robot"""
@@ -118,11 +118,3 @@ class FusionHost:
             known = (key, cap_votes(render(self._maps[robot], pose.pose(), resolution), VOTES))
             self._rendered[robot] = known
         return known[1]
-
-
-def component(solved: Solved) -> Component:
-    """The message about robots whose relative transforms are known."""
-    transforms: dict[str, PoseTuple] = {
-        name: (float(pose[0]), float(pose[1]), float(pose[2])) for name, pose in solved.transforms.items()
-    }
-    return Component(id=solved.id, robots=solved.robots, transforms=transforms)

@@ -212,6 +212,8 @@ class EdgeWorker:
         await self.maps.tell(step.robot)
 
     async def _close(self, robot: str, worker: int) -> None:
+        for key in (keys.edge_ack(self.edge, robot), keys.edge_robot_map(self.edge, robot)):
+            await self._bus.unlatch(key)
         try:
             await self._pool.call(worker, "close", robot=robot)
         except WorkerDied:

@@ -1,4 +1,4 @@
-"""Settings that only an edge understands, checked before anything is started."""
+"""The matcher's part of a fleet's configuration, checked before anything is started."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ from common.config import Fleet
 from common.errors import ConfigError
 from common.fusion.settings import FusionSettings
 from common.wire.codec import explain
-from services.edge_worker.slam.kernel import create
 
 
 def check(fleet: Fleet) -> None:
-    """Raises ConfigError, naming the field, when the kernel or the matcher would refuse its settings."""
-    create(fleet.slam.kernel, fleet.slam.settings, fleet.seed)
+    """Raises ConfigError, naming the field, when the matcher would refuse its settings."""
     try:
         FusionSettings.model_validate(fleet.fusion.settings)
     except ValidationError as error:

@@ -1,0 +1,3 @@
+from services.cloud_merger.app import main
+
+raise SystemExit(main())

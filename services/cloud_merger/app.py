@@ -1,0 +1,27 @@
+"""The command line of the cloud merger."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from collections.abc import Sequence
+
+from common.bus import Bus
+from common.fusion.check import check
+from common.service import arguments, load_fleet, run
+from services.cloud_merger.service import CloudMerger
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the cloud merger until it is stopped; the exit code is for `sys.exit`."""
+    args = arguments("cloud_merger", "Merge edge maps into the global map.").parse_args(argv)
+    return run(lambda stop: _cloud(args, stop), "cloud", args.log_format, args.log_level)
+
+
+async def _cloud(args: argparse.Namespace, stop: asyncio.Event) -> None:
+    fleet = load_fleet(args)
+    check(fleet)
+    async with await Bus.open(
+        fleet.bus.endpoint, name="cloud", role="cloud", root=fleet.bus.root, timeout_s=fleet.bus.timeout_s
+    ) as bus:
+        await CloudMerger(fleet, bus, stop).run()

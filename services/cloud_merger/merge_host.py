@@ -1,0 +1,183 @@
+"""What runs inside the cloud's merging process: pairs across edges, the world's transforms, the sum of edge maps."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from common.errors import UsageError
+from common.fusion.layout import bounds, lay_out
+from common.fusion.matchmap import MatchMap
+from common.fusion.pairs import PairTable, component, measurements
+from common.fusion.settings import FusionSettings
+from common.fusion.solve import Solved, solve
+from common.geometry.se2 import compose
+from common.grid import Grid
+from common.grid.compose import compose_into
+from common.grid.paging import page
+from common.grid.raster import Raster
+from common.grid.tiles import decode_counts, decode_occupancy, encode_counts
+from common.wire import FixedPose, PairVerdict, Placed, PoseTuple, Transforms, Verdicts, decode, encode
+
+STEADY_M, STEADY_RAD = 0.02, 0.002
+"""live transforms that move less than this stay as published: the frame does not tremble"""
+
+
+class MergeHost:
+    """Called through common.workers; arguments and results are plain msgpack values."""
+
+    def __init__(self) -> None:
+        self._pairs = PairTable()
+        self._sketches: dict[str, Raster] = {}
+        self._parts: dict[str, Grid] = {}
+        self._product: Grid | None = None
+
+    def configure(self, settings: dict[str, Any]) -> None:
+        self._pairs = PairTable(FusionSettings.model_validate(settings))
+
+    def warm(self) -> None:
+        from common.fusion.warmup import warmup
+
+        warmup()
+
+    def put_sketch(
+        self, robot: str, resolution: float, version: int, final: bool, tiles: list[tuple[int, int, bytes]], fresh: bool
+    ) -> int:
+        """Changed tiles of a robot's sketch; `version` is that of its map. Gives the number of known cells."""
+        raster = self._sketches.get(robot)
+        if raster is None or fresh:
+            raster = self._sketches[robot] = Raster(resolution)
+        raster.replace(((x, y), decode_occupancy(data, robot)) for x, y, data in tiles)
+        cells, origin = raster.dense()
+        map_ = MatchMap.of(cells, origin, resolution)
+        self._pairs.put(robot, map_, version, final)
+        return map_.known_cells
+
+    def forget(self, robot: str) -> None:
+        self._sketches.pop(robot, None)
+        self._pairs.forget(robot)
+
+    def put_part(self, edge: str, resolution: float, tiles: list[tuple[int, int, bytes]], fresh: bool) -> None:
+        """Changed tiles of an edge map."""
+        grid = self._parts.get(edge)
+        if grid is None or fresh or grid.resolution != resolution:
+            grid = self._parts[edge] = Grid(resolution)
+        grid.replace(((x, y), decode_counts(data, edge)) for x, y, data in tiles)
+
+    def solve(
+        self,
+        robots: list[str],
+        pairs: list[tuple[str, str]],
+        verdicts: bytes,
+        final: bool,
+        previous: bytes | None,
+        starts: dict[str, PoseTuple],
+    ) -> dict[str, Any]:
+        """Encoded Transforms of the world and encoded Verdicts of the pairs decided here."""
+        begin = time.perf_counter()
+        known = [robot for robot in robots if robot in self._pairs.known]
+        self._pairs.decide((a, b) for a, b in pairs)
+        own = [self._pairs.verdicts[a, b] for a, b in pairs if (a, b) in self._pairs.verdicts]
+        theirs = decode(verdicts)
+        every: list[PairVerdict] = [*own, *(theirs.pairs if isinstance(theirs, Verdicts) else ())]
+        before = decode(previous) if previous is not None else None
+        old = before if isinstance(before, Transforms) else None
+        anchors = {} if final or old is None else {name: each.transform.pose() for name, each in old.robots.items()}
+        solved = solve(known, measurements(every), starts=starts, anchors=anchors)
+        transforms = self._world(solved, final, old)
+        return {
+            "transforms": encode(transforms),
+            "verdicts": encode(Verdicts(owner="cloud", pairs=tuple(own))),
+            "seconds": time.perf_counter() - begin,
+            "checks": self._pairs.checks,
+        }
+
+    def compose(self, edges: list[str]) -> dict[str, Any]:
+        """Add the maps of these edges; gives the version and digest of the sum."""
+        begin = time.perf_counter()
+        parts = [self._parts[edge] for edge in edges if edge in self._parts]
+        resolution = parts[0].resolution if parts else 0.05
+        if self._product is None or self._product.resolution != resolution:
+            self._product = Grid(resolution)
+        compose_into(self._product, parts)
+        return {
+            "version": self._product.version,
+            "resolution": resolution,
+            "digest": self._product.digest(),
+            "seconds": time.perf_counter() - begin,
+        }
+
+    def tiles(self, since: int, cursor: str, limit_bytes: int) -> dict[str, Any]:
+        """One page of changed tiles of the global map."""
+        if self._product is None:
+            raise UsageError("no global map yet; wait for the first notice")
+        found = page(self._product, since, cursor, limit_bytes, encode_counts)
+        return {
+            "tiles": found.tiles,
+            "next": found.next,
+            "version": self._product.version,
+            "resolution": self._product.resolution,
+        }
+
+    def export(self, path: str) -> None:
+        """Write the global map as map_server yaml + pgm and as PNG; `path` without ending."""
+        from common.formats.map_server import write_map
+        from common.formats.picture import write_png
+
+        if self._product is None:
+            raise UsageError("no global map yet; wait for the first notice")
+        cells, (x, y) = self._product.occupancy()
+        resolution = self._product.resolution
+        origin = (x * resolution, y * resolution, 0.0)
+        write_map(Path(path), cells, resolution, origin)
+        write_png(Path(path).with_suffix(".png"), cells, resolution, origin)
+
+    def _world(self, solved: list[Solved], final: bool, old: Transforms | None) -> Transforms:
+        boxes = {
+            each.id: bounds((self._pairs.known[name].map, each.transforms[name]) for name in each.robots)
+            for each in solved
+        }
+        places = lay_out(boxes, {each.id: (0.0, 0.0, 0.0) for each in solved if each.in_world})
+        poses = {name: compose(places[each.id], each.transforms[name]) for each in solved for name in each.robots}
+        ids = {name: each.id for each in solved for name in each.robots}
+        placed = {
+            name: Placed(
+                transform=FixedPose.of(*(float(v) for v in pose)),
+                component=ids[name],
+                version=self._pairs.known[name].version,
+            )
+            for name, pose in sorted(poses.items())
+        }
+        resolution = min((each.map.resolution for each in self._pairs.known.values()), default=0.05)
+        fresh = Transforms(
+            world_epoch=(old.world_epoch if old is not None else 0) + 1,
+            final=final,
+            resolution=resolution,
+            robots=placed,
+            components=tuple(component(each) for each in solved),
+            reason=_reason(placed, old, final),
+        )
+        return fresh if fresh.reason or old is None else old
+
+
+def _reason(placed: Mapping[str, Placed], old: Transforms | None, final: bool) -> str:
+    """Why there is a new world epoch; empty: nothing worth one has changed."""
+    if old is None:
+        return "first maps"
+    if final:
+        return "final: solved from the final maps alone"
+    if old.final:
+        return "maps have changed since the final world"
+    for name in sorted(set(placed) | set(old.robots)):
+        if name not in placed or name not in old.robots:
+            return f"{name} has {'come' if name in placed else 'gone'}"
+        if placed[name].component != old.robots[name].component:
+            return f"{name} is now in the component of {placed[name].component}"
+        step = np.subtract(placed[name].transform.pose(), old.robots[name].transform.pose())
+        if np.hypot(step[0], step[1]) > STEADY_M or abs(step[2]) > STEADY_RAD:
+            return f"correction: {name} by {np.hypot(step[0], step[1]):.3f} m and {abs(np.degrees(step[2])):.2f} deg"
+    return ""

@@ -1,0 +1,295 @@
+"""The cloud merger: the shell around its state machine and the process that merges."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Coroutine, Mapping
+from typing import Any
+
+from common.bus import Bus, keys
+from common.bus.tiles import TILE_BYTES, fetch_tiles, tile_page
+from common.config import Fleet
+from common.errors import PeerError, WorkerDied
+from common.telemetry import process_stats
+from common.wire import (
+    CloudStatus,
+    EdgeMapNotice,
+    GlobalMapNotice,
+    MapNotice,
+    Message,
+    PoseTuple,
+    RobotProfile,
+    RobotStatus,
+    Routes,
+    Transforms,
+    Verdicts,
+    decode,
+    encode,
+)
+from common.workers import Worker, WorkerError
+from services.cloud_merger import state as merging
+from services.cloud_merger.state import CloudState
+from services.cloud_merger.trace import trace
+
+TARGET = "services.cloud_merger.merge_host:MergeHost"
+STATUS_S = 1.0
+
+log = logging.getLogger(__name__)
+
+
+class CloudMerger:
+    """The one cloud of a fleet; `run` returns when `stop` is set."""
+
+    def __init__(self, fleet: Fleet, bus: Bus, stop: asyncio.Event) -> None:
+        self._fleet, self._bus, self._stop = fleet, bus, stop
+        self.state = CloudState(expected=expected_robots(fleet))
+        self._worker: Worker | None = None
+        self._statuses: dict[str, RobotStatus] = {}
+        self._starts: dict[str, PoseTuple] = {}
+        self._transfers: dict[str, float] = {}
+        self._stages: dict[str, float] = {}
+        self._shown: GlobalMapNotice | None = None
+        self._problems: deque[str] = deque(maxlen=16)
+        self._tasks = asyncio.TaskGroup()
+
+    async def run(self) -> None:
+        try:
+            await self._start_worker()
+            await self._bus.serve(keys.CLOUD_MAP, self._tiles)
+            await self._bus.declare_alive(keys.CLOUD_ALIVE)
+            log.info("ready")
+            async with self._tasks as tasks:
+                heard = [
+                    keys.SCHEDULER_ROUTES,
+                    keys.edge_robot_map(keys.ANY, keys.ANY),
+                    keys.edge_map(keys.ANY),
+                    keys.edge_verdicts(keys.ANY),
+                    keys.robot_status(keys.ANY),
+                    keys.robot_profile(keys.ANY),
+                ]
+                running = [tasks.create_task(self._hear(key), name=f"hear {key}") for key in heard]
+                running.append(tasks.create_task(self._tick(), name="tick"))
+                running.append(tasks.create_task(self._report(), name="status"))
+                await self._stop.wait()
+                for task in running:
+                    task.cancel()
+                if self._worker is not None:
+                    await self._worker.close()
+        finally:
+            if self._worker is not None:
+                await self._worker.close()
+
+    # Events in
+
+    async def _hear(self, key_expr: str) -> None:
+        async for received in self._bus.watch(key_expr):
+            match received.message:
+                case Routes() as routes:
+                    self._feed(merging.Routed(routes))
+                case MapNotice() as notice:
+                    self._feed(merging.MapNoticed(notice))
+                case EdgeMapNotice() as notice:
+                    self._feed(merging.EdgeMapNoticed(notice))
+                case Verdicts() as verdicts:
+                    self._feed(merging.VerdictsCame(keys.edge_of(received.key) or "", verdicts))
+                case RobotStatus() as status:
+                    self._statuses[status.robot] = status
+                case RobotProfile() as profile if profile.start is not None:
+                    self._starts[profile.robot] = profile.start
+
+    async def _tick(self) -> None:
+        while True:
+            await asyncio.sleep(self._fleet.cloud.merge_every_s)
+            self._feed(merging.Tick())
+
+    # Instructions out
+
+    def _feed(self, event: merging.Event) -> None:
+        for step in self.state.handle(event):
+            match step:
+                case merging.FetchSketch():
+                    self._start(self._fetch_sketch(step), f"sketch of {step.notice.robot}")
+                case merging.FetchPart():
+                    self._start(self._fetch_part(step), f"map of {step.edge}")
+                case merging.Forget(robot):
+                    self._start(self._forget(robot), f"forget {robot}")
+                case merging.Solve():
+                    self._start(self._solve(step), "solve")
+                case merging.Compose():
+                    self._start(self._compose(step), "compose")
+
+    def _start(self, work: Coroutine[Any, Any, None], name: str) -> None:
+        self._tasks.create_task(self._guarded(work), name=name)
+
+    async def _guarded(self, work: Coroutine[Any, Any, None]) -> None:
+        try:
+            await work
+        except WorkerDied:
+            if not self._stop.is_set():
+                await self._restart()
+
+    async def _fetch_sketch(self, step: merging.FetchSketch) -> None:
+        notice = step.notice
+        key = keys.edge_robot_map(notice.edge, notice.robot)
+        try:
+            delta = await fetch_tiles(self._bus, key, kind="occupancy")
+            tiles = [(tile.x, tile.y, tile.data) for tile in delta.tiles]
+            await self._call(
+                "put_sketch",
+                robot=notice.robot,
+                resolution=delta.resolution,
+                version=notice.version,
+                final=notice.final,
+                tiles=tiles,
+                fresh=True,
+            )
+        except (PeerError, WorkerError) as error:
+            self._problem(f"sketch of {notice.robot} from {notice.edge}: {error}")
+            self._feed(merging.FetchFailed(f"robot/{notice.robot}"))
+            return
+        self._feed(merging.SketchFetched(notice))
+
+    async def _fetch_part(self, step: merging.FetchPart) -> None:
+        begin = asyncio.get_running_loop().time()
+        part = self.state.parts.get(step.edge)
+        since = 0 if step.fresh or part is None else part.version
+        try:
+            delta = await fetch_tiles(self._bus, keys.edge_map(step.edge), since)
+            tiles = [(tile.x, tile.y, tile.data) for tile in delta.tiles]
+            await self._call("put_part", edge=step.edge, resolution=delta.resolution, tiles=tiles, fresh=since == 0)
+        except (PeerError, WorkerError) as error:
+            log.debug("edge map not fetched", extra={"edge": step.edge, "reason": error})
+            self._feed(merging.FetchFailed(f"edge/{step.edge}"))
+            return
+        self._transfers[step.edge] = asyncio.get_running_loop().time() - begin
+        self._stages["transfer"] = self._transfers[step.edge]
+        self._feed(merging.PartFetched(step.edge, delta.version, delta.world_epoch, delta.covers, delta.final))
+
+    async def _forget(self, robot: str) -> None:
+        await self._call("forget", robot=robot)
+
+    async def _solve(self, step: merging.Solve) -> None:
+        try:
+            done = await self._call(
+                "solve",
+                robots=list(step.robots),
+                pairs=list(step.pairs),
+                verdicts=encode(Verdicts(owner="edges", pairs=step.verdicts)),
+                final=step.final,
+                previous=encode(step.previous) if step.previous is not None else None,
+                starts={robot: pose for robot, pose in self._starts.items() if robot in step.robots},
+            )
+        except WorkerError as error:
+            self._problem(f"solve: {error}")
+            self._feed(merging.Solved(None))
+            return
+        self._stages["solve"] = done["seconds"]
+        self.state.counters["full pair checks"] = done["checks"]
+        await self._bus.latch(keys.CLOUD_VERDICTS, decode(done["verdicts"]))
+        transforms = decode(done["transforms"])
+        assert isinstance(transforms, Transforms)
+        if step.previous is None or transforms.world_epoch != step.previous.world_epoch:
+            log.info("world", extra={"world_epoch": transforms.world_epoch, "reason": transforms.reason})
+            await self._bus.latch(keys.CLOUD_TRANSFORMS, transforms)
+        self._feed(merging.Solved(transforms))
+
+    async def _compose(self, step: merging.Compose) -> None:
+        try:
+            done = await self._call("compose", edges=list(step.edges))
+            await self._show(step, done)
+            if step.final and self._fleet.cloud.out is not None:
+                self._fleet.cloud.out.mkdir(parents=True, exist_ok=True)
+                await self._call("export", path=str(self._fleet.cloud.out.resolve() / "global_map"))
+                log.info("final map exported", extra={"folder": self._fleet.cloud.out})
+        except (WorkerError, OSError) as error:
+            self._problem(f"compose: {error}")
+        self._feed(merging.Composed())
+
+    async def _show(self, step: merging.Compose, done: Mapping[str, Any]) -> None:
+        self._stages["fuse"] = done["seconds"] + self._stages.get("solve", 0.0)
+        robot_maps = {robot: held for robot, held in self.state.sketches.items() if robot in step.covers}
+        notice = GlobalMapNotice(
+            version=done["version"],
+            world_epoch=step.world.world_epoch,
+            final=step.final,
+            resolution=done["resolution"],
+            digest=done["digest"],
+            components=step.world.components,
+            covers=step.covers,
+            trace=trace(
+                step.edges, self.state.edge_maps, robot_maps, self._statuses, self._transfers, self._stages["fuse"]
+            ),
+        )
+        self._shown = notice
+        await self._bus.latch(keys.CLOUD_MAP, notice)
+        log.info(
+            "global map",
+            extra={
+                "version": notice.version,
+                "robots": len(notice.covers),
+                "components": len(notice.components),
+                "final": notice.final,
+            },
+        )
+
+    async def _tiles(self, key: str, params: Mapping[str, str]) -> Message:
+        shown = self._shown
+        if shown is None:
+            raise PeerError("no global map yet; wait for the first notice", "cloud")
+        since, cursor = int(params.get("since", "0")), params.get("cursor", "")
+        page = await self._call("tiles", since=since, cursor=cursor, limit_bytes=TILE_BYTES)
+        return tile_page("cloud", "counts", page, shown.covers, shown.final, shown.world_epoch)
+
+    async def _report(self) -> None:
+        while True:
+            used = process_stats([self._worker.process.pid] if self._worker is not None else [])
+            refused = self._bus.counters.refused.total()
+            status = CloudStatus(
+                version=self._shown.version if self._shown is not None else 0,
+                world_epoch=self.state.world.world_epoch if self.state.world is not None else 0,
+                robots=tuple(sorted(self.state.members)),
+                components=len(self.state.world.components) if self.state.world is not None else 0,
+                cpu_s=used.cpu_s,
+                rss_mb=used.rss_mb,
+                stages=dict(self._stages),
+                counters={**self.state.counters, "messages refused": refused, "dropped": self._bus.counters.dropped},
+                bytes_in=self._bus.counters.received_bytes,
+                problems=(*self._bus.problems, *self._problems)[-16:],
+            )
+            await self._bus.latch(keys.CLOUD_STATUS, status)
+            await asyncio.sleep(STATUS_S)
+
+    def _problem(self, text: str) -> None:
+        log.warning("%s", text)
+        self._problems.append(text[:500])
+
+    async def _call(self, method: str, **arguments: Any) -> Any:
+        if self._worker is None:
+            raise WorkerDied("the merging process is not up")
+        return await self._worker.call(method, **arguments)
+
+    async def _start_worker(self) -> None:
+        self._worker = await Worker.start(TARGET)
+        await self._worker.call("configure", settings=self._fleet.fusion.settings)
+        await self._worker.call("warm")
+
+    async def _restart(self) -> None:
+        """Another merging process, which has everything fetched anew; the first to notice the death sees to it."""
+        dead = self._worker
+        if dead is None or not dead.gone.is_set():
+            return
+        self._worker = None
+        log.error("the merging process died; starting another")
+        old = self.state
+        await self._start_worker()
+        self.state = CloudState(old.expected, old.epoch, old.members, old.notices, verdicts=old.verdicts)
+        self.state.edge_maps, self.state.world = old.edge_maps, old.world
+        self.state.counters = old.counters
+        self._feed(merging.Tick())
+
+
+def expected_robots(fleet: Fleet) -> tuple[str, ...]:
+    """Robots without which a batch run is not complete."""
+    return tuple(entry.id for entry in fleet.robots) if fleet.batch else ()

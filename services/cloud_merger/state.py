@@ -1,0 +1,351 @@
+"""What the cloud decides: whose sketches and edge maps it fetches, when it solves, and when it composes.
+
+Live, the world follows what comes: transforms are solved anew when sketches or verdicts have changed, edges render
+onto the world they are told, and the global map is the sum of the edge maps of the present world epoch. Once every
+robot's map is final, the *final* world is solved canonically, from nothing but the final maps, and the global map
+that results is the same however robots were grouped. Events in, instructions out.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from common.fusion.pairs import Pair, all_pairs, complete
+from common.wire import Covers, EdgeMapNotice, Epoch, MapNotice, PairVerdict, Routes, Transforms, Verdicts
+
+
+@dataclass(frozen=True)
+class Routed:
+    routes: Routes
+
+
+@dataclass(frozen=True)
+class MapNoticed:
+    notice: MapNotice
+
+
+@dataclass(frozen=True)
+class EdgeMapNoticed:
+    notice: EdgeMapNotice
+
+
+@dataclass(frozen=True)
+class VerdictsCame:
+    edge: str
+    verdicts: Verdicts
+
+
+@dataclass(frozen=True)
+class SketchFetched:
+    """A robot's sketch is held at least at the version of this notice."""
+
+    notice: MapNotice
+
+
+@dataclass(frozen=True)
+class PartFetched:
+    """An edge map is held."""
+
+    edge: str
+    version: int
+    world_epoch: int
+    covers: Covers
+    final: bool
+
+
+@dataclass(frozen=True)
+class FetchFailed:
+    what: str
+    """robot/<rid> or edge/<eid>"""
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A solve has ended; None when it failed."""
+
+    transforms: Transforms | None
+
+
+@dataclass(frozen=True)
+class Composed:
+    """A composition has ended."""
+
+
+@dataclass(frozen=True)
+class Tick:
+    """Every `merge_every_s`."""
+
+
+Event = (
+    Routed
+    | MapNoticed
+    | EdgeMapNoticed
+    | VerdictsCame
+    | SketchFetched
+    | PartFetched
+    | FetchFailed
+    | Solved
+    | Composed
+    | Tick
+)
+
+
+@dataclass(frozen=True)
+class FetchSketch:
+    notice: MapNotice
+    fresh: bool
+    """forget what is held of this robot first"""
+
+
+@dataclass(frozen=True)
+class FetchPart:
+    edge: str
+    fresh: bool
+
+
+@dataclass(frozen=True)
+class Forget:
+    robot: str
+
+
+@dataclass(frozen=True)
+class Solve:
+    """Decide `pairs` here, take the edges' verdicts for the others, solve the world."""
+
+    robots: tuple[str, ...]
+    pairs: tuple[Pair, ...]
+    verdicts: tuple[PairVerdict, ...]
+    final: bool
+    previous: Transforms | None
+
+
+@dataclass(frozen=True)
+class Compose:
+    """Add the maps of these edges."""
+
+    edges: tuple[str, ...]
+    world: Transforms
+    covers: Covers
+    final: bool
+
+
+Instruction = FetchSketch | FetchPart | Forget | Solve | Compose
+
+
+@dataclass(frozen=True)
+class Part:
+    """An edge map as it lies in the merging process."""
+
+    version: int
+    world_epoch: int
+    covers: Covers
+    final: bool
+
+
+@dataclass
+class CloudState:
+    expected: tuple[str, ...] = ()
+    """robots that must have come before anything is final (a batch run's)"""
+    epoch: Epoch = (0, 0)
+    members: dict[str, tuple[str, str, Epoch]] = field(default_factory=dict)
+    """robot → (edge that runs it, edge that fuses it, epoch)"""
+    notices: dict[tuple[str, str], MapNotice] = field(default_factory=dict)
+    """(robot, edge) → latest"""
+    sketches: dict[str, MapNotice] = field(default_factory=dict)
+    """robot → notice whose sketch is held"""
+    verdicts: dict[str, dict[Pair, PairVerdict]] = field(default_factory=dict)
+    """edge → its verdicts"""
+    edge_maps: dict[str, EdgeMapNotice] = field(default_factory=dict)
+    parts: dict[str, Part] = field(default_factory=dict)
+    world: Transforms | None = None
+    settled: dict[str, int] | None = None
+    """versions from which the final world was solved"""
+    fetching: set[str] = field(default_factory=set)
+    solving: bool = False
+    composing: bool = False
+    changed: bool = False
+    """sketches or verdicts are newer than the world"""
+    composed: tuple[object, ...] = ()
+    """what the global map was last composed of"""
+    counters: Counter[str] = field(default_factory=Counter)
+
+    def handle(self, event: Event) -> list[Instruction]:
+        match event:
+            case Routed(routes):
+                return self._routed(routes)
+            case MapNoticed(notice):
+                self.notices[notice.robot, notice.edge] = notice
+                return self._fetch_sketch(notice.robot) if notice.final else []
+            case EdgeMapNoticed(notice):
+                self.edge_maps[notice.edge] = notice
+                return self._fetch_part(notice.edge) if notice.final else []
+            case VerdictsCame(edge, verdicts):
+                self.verdicts[edge] = {(each.a, each.b): each for each in verdicts.pairs}
+                self.changed = True
+                return self._solve() if self.ready_to_settle() else []
+            case SketchFetched(notice):
+                return self._sketch_fetched(notice)
+            case PartFetched(edge, version, world_epoch, covers, final):
+                self.fetching.discard(f"edge/{edge}")
+                self.parts[edge] = Part(version, world_epoch, covers, final)
+                return [*self._compose(), *self._fetch_part(edge)]
+            case FetchFailed(what):
+                self.fetching.discard(what)
+                self.counters["fetches failed"] += 1
+                return []
+            case Solved(transforms):
+                return self._solved(transforms)
+            case Composed():
+                self.composing = False
+                return self._compose()
+            case Tick():
+                fetches = [step for robot in sorted(self.members) for step in self._fetch_sketch(robot)]
+                parts = [step for edge in self.fusing_edges() for step in self._fetch_part(edge)]
+                return [*fetches, *parts, *self._solve(), *self._compose()]
+
+    def fusing_edges(self) -> list[str]:
+        return sorted({fuser for _, fuser, _ in self.members.values()})
+
+    def final_versions(self) -> dict[str, int] | None:
+        """Version of every robot's final map; None while one is missing."""
+        versions = {}
+        for robot in {*self.members, *self.expected}:
+            notice = self._current(robot)
+            held = self.sketches.get(robot)
+            if notice is None or not notice.final or held is None:
+                return None
+            if (held.version, held.final, held.edge) != (notice.version, True, notice.edge):
+                return None
+            versions[robot] = notice.version
+        return versions or None
+
+    def ready_to_settle(self) -> bool:
+        """All is final that the final world rests on, and it has not been solved from exactly this."""
+        versions = self.final_versions()
+        if versions is None or versions == self.settled or self.solving:
+            return False
+        return all(
+            complete(self.verdicts.get(edge, {}), all_pairs(self._fused_at(edge)), versions)
+            for edge in self.fusing_edges()
+        )
+
+    def validate(self) -> None:
+        """Raises AssertionError when an invariant does not hold."""
+        assert set(self.sketches) <= set(self.members)
+        assert self.settled is None or self.world is not None
+
+    def _routed(self, routes: Routes) -> list[Instruction]:
+        if routes.epoch < self.epoch:
+            return []
+        self.epoch = routes.epoch
+        self.members = {
+            robot: (route.slam_edge, route.fuse_edge, route.epoch) for robot, route in routes.routes.items()
+        }
+        gone = sorted(set(self.sketches) - set(self.members))
+        for robot in gone:
+            del self.sketches[robot]
+        self.changed = True
+        return [Forget(robot) for robot in gone]
+
+    def _current(self, robot: str) -> MapNotice | None:
+        """The latest notice of the edge that runs the robot now, of its present epoch."""
+        if robot not in self.members:
+            return None
+        edge, _, epoch = self.members[robot]
+        notice = self.notices.get((robot, edge))
+        return notice if notice is not None and notice.epoch == epoch else None
+
+    def _fused_at(self, edge: str) -> list[str]:
+        return sorted(robot for robot, (_, fuser, _) in self.members.items() if fuser == edge)
+
+    def _fetch_sketch(self, robot: str) -> list[Instruction]:
+        notice, held = self._current(robot), self.sketches.get(robot)
+        if notice is None or f"robot/{robot}" in self.fetching or notice == held:
+            return []
+        self.fetching.add(f"robot/{robot}")
+        fresh = held is None or held.edge != notice.edge or held.version > notice.version
+        return [FetchSketch(notice, fresh)]
+
+    def _sketch_fetched(self, notice: MapNotice) -> list[Instruction]:
+        self.fetching.discard(f"robot/{notice.robot}")
+        if notice.robot not in self.members:
+            return [Forget(notice.robot)]
+        self.sketches[notice.robot] = notice
+        self.changed = True
+        return [*self._fetch_sketch(notice.robot), *(self._solve() if self.ready_to_settle() else [])]
+
+    def _fetch_part(self, edge: str) -> list[Instruction]:
+        notice, part = self.edge_maps.get(edge), self.parts.get(edge)
+        if notice is None or f"edge/{edge}" in self.fetching or notice.world_epoch == 0:
+            return []
+        same = part is not None and (part.version, part.world_epoch, part.covers, part.final) == (
+            notice.version,
+            notice.world_epoch,
+            notice.covers,
+            notice.final,
+        )
+        if same:
+            return []
+        self.fetching.add(f"edge/{edge}")
+        return [FetchPart(edge, part is None or part.version > notice.version)]
+
+    def _solve(self) -> list[Instruction]:
+        final = self.ready_to_settle()
+        if self.solving or not self.sketches or not (final or (self.changed and self.final_versions() is None)):
+            return []
+        self.solving, self.changed = True, False
+        robots = tuple(sorted(self.sketches))
+        by_edges = {
+            pair
+            for edge in self.fusing_edges()
+            for pair in all_pairs(self._fused_at(edge))
+            if not final or pair in self.verdicts.get(edge, {})
+        }
+        known = tuple(
+            verdict
+            for edge in self.fusing_edges()
+            for pair, verdict in sorted(self.verdicts.get(edge, {}).items())
+            if pair in by_edges
+        )
+        pairs = tuple(pair for pair in all_pairs(robots) if pair not in by_edges)
+        return [Solve(robots, pairs, known, final, self.world)]
+
+    def _solved(self, transforms: Transforms | None) -> list[Instruction]:
+        self.solving = False
+        if transforms is None:
+            self.counters["solves failed"] += 1
+            self.changed = True
+            return []
+        self.world = transforms
+        if transforms.final:
+            self.settled = {robot: placed.version for robot, placed in transforms.robots.items()}
+        return self._compose()
+
+    def _compose(self) -> list[Instruction]:
+        if self.world is None or self.composing:
+            return []
+        edges = tuple(
+            edge
+            for edge in self.fusing_edges()
+            if edge in self.parts and self.parts[edge].world_epoch == self.world.world_epoch
+        )
+        covers: Covers = {}
+        for edge in edges:
+            part = self.parts[edge].covers
+            if set(part) & set(covers) or not set(part) <= set(self._fused_at(edge)):
+                return []  # a robot is moving between edges: the next version of both says where it is
+            covers |= part
+        final = (
+            self.world.final
+            and bool(covers)
+            and all(self.parts[edge].final for edge in edges)
+            and set(covers) == set(self.members)
+        )
+        if self.world.final and not final:
+            return []  # never show less than the final map while its parts come in
+        makeup = (self.world.world_epoch, final, tuple((edge, self.parts[edge].version) for edge in edges))
+        if makeup == self.composed or not covers:
+            return []
+        self.composing, self.composed = True, makeup
+        return [Compose(edges, self.world, covers, final)]

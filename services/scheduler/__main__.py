@@ -1,0 +1,3 @@
+from services.scheduler.app import main
+
+raise SystemExit(main())

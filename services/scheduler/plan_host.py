@@ -1,0 +1,179 @@
+"""What runs inside the scheduler's planning process: footprints, the overlap matrix and the policy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from common.geometry.se2 import compose
+from common.grid.raster import Raster
+from common.grid.tiles import decode_occupancy
+from common.wire import OverlapMatrix, Transforms, decode, encode
+from services.scheduler.costs import Problem, predict
+from services.scheduler.graph import cut, quantise
+from services.scheduler.overlap import Footprint, cells_of_raster, cells_of_route, lattice_cells, overlap_matrix
+from services.scheduler.policies import plan
+
+BANDWIDTH = 12.5e6
+"""bytes/s of a link between robot and edge that has not been measured: 100 Mbit/s"""
+SENSOR_M = 8.0
+"""reach of a laser whose profile does not say"""
+
+
+class PlanHost:
+    """Called through common.workers; arguments and results are plain msgpack values."""
+
+    def __init__(self) -> None:
+        self._sketches: dict[str, Raster] = {}
+
+    def put_sketch(self, robot: str, resolution: float, tiles: list[tuple[int, int, bytes]]) -> None:
+        """The whole sketch of a robot map."""
+        raster = self._sketches[robot] = Raster(resolution)
+        raster.replace(((x, y), decode_occupancy(data, robot)) for x, y, data in tiles)
+
+    def plan(
+        self,
+        robots: list[dict[str, Any]],
+        edges: list[dict[str, Any]],
+        transforms: bytes | None,
+        policy: str,
+        budget_s: float,
+        kappa: int,
+        tau: int,
+        hysteresis: float,
+    ) -> dict[str, Any]:
+        """An assignment of the robots to the edges, compared with the present one, and the overlap matrix.
+
+        `robots`: name, reach (list of edge names or None), start, range_max, frame_bytes, slam_s, pack_s, frames,
+        slam, fuse; `edges`: name, speed, bandwidth, cores.
+        """
+        world = decode(transforms) if transforms is not None else None
+        footprints = [self._footprint(robot, world if isinstance(world, Transforms) else None) for robot in robots]
+        overlap = overlap_matrix(footprints)
+        problem = make_problem(robots, edges, overlap.weights, footprints)
+        made = plan(problem, policy, budget_s=budget_s, kappa=kappa, tau=tau)
+        names = [edge["name"] for edge in edges]
+        present = np.array([names.index(robot["fuse"]) if robot["fuse"] in names else -1 for robot in robots])
+        slam = made.slam if policy == "recslam" else problem.current_slam
+        fuse = relabelled(made.fuse, present, problem.reachable) if policy != "recslam" else made.fuse
+        weights = quantise(problem.weights)
+        keep = self._is_good_enough(problem, policy, fuse, slam, present, hysteresis)
+        chosen_fuse, chosen_slam = (present, problem.current_slam) if keep else (fuse, slam)
+        prediction = predict(problem, chosen_slam, chosen_fuse)
+        groups = {name: [robots[v]["name"] for v in np.flatnonzero(chosen_fuse == e)] for e, name in enumerate(names)}
+        total = float(weights.sum()) / 2
+        return {
+            "slam": {robot["name"]: names[e] for robot, e in zip(robots, chosen_slam, strict=True)},
+            "fuse": {robot["name"]: names[e] for robot, e in zip(robots, chosen_fuse, strict=True)},
+            "groups": groups,
+            "in_group": {
+                name: float(weights[np.ix_(chosen_fuse == e, chosen_fuse == e)].sum()) / 2
+                for e, name in enumerate(names)
+            },
+            "cut": float(cut(weights, chosen_fuse)),
+            "total_weight": total,
+            "predicted": {
+                "t_c": prediction.total,
+                "cloud": prediction.cloud,
+                **{f"{stage.what} {stage.where}": stage.seconds for stage in prediction.critical},
+            },
+            "alternative": made.alternative,
+            "reason": ("kept: nothing better by enough; " if keep else "") + made.reason,
+            "seconds": made.seconds,
+            "overlap": encode(
+                OverlapMatrix(
+                    robots=overlap.robots,
+                    weights=np.ascontiguousarray(overlap.weights, dtype=np.float64).ravel(),
+                    source=overlap.sources(),
+                )
+            ),
+        }
+
+    def _is_good_enough(
+        self,
+        problem: Problem,
+        policy: str,
+        fuse: np.ndarray,
+        slam: np.ndarray,
+        present: np.ndarray,
+        hysteresis: float,
+    ) -> bool:
+        """Whether the present assignment stays: the new one is not better by the share `hysteresis`."""
+        if (present < 0).any() or (problem.current_slam < 0).any():
+            return False
+        if np.array_equal(fuse, present) and np.array_equal(slam, problem.current_slam):
+            return True
+        if policy == "recslam":
+            now = predict(problem, problem.current_slam, present).total
+            return predict(problem, slam, fuse).total > (1 - hysteresis) * now
+        sizes = np.bincount(present, minlength=len(problem.edges))
+        if sizes.max() - sizes.min() > 1:
+            return False
+        weights = quantise(problem.weights)
+        gained = float(cut(weights, present)) - float(cut(weights, fuse))
+        return gained <= hysteresis * float(weights.sum()) / 2
+
+    def _footprint(self, robot: dict[str, Any], world: Transforms | None) -> Footprint:
+        name = robot["name"]
+        raster = self._sketches.get(name)
+        placed = world.robots.get(name) if world is not None else None
+        if raster is not None and placed is not None:
+            cells, origin = raster.dense()
+            corner = compose(placed.transform.pose(), (*(np.array(origin) * raster.resolution), 0.0))
+            covered = cells_of_raster(cells != -1, raster.resolution, corner)
+            return Footprint(name, placed.component, covered, "map")
+        if robot["start"] is not None:
+            reach = robot["range_max"] or SENSOR_M
+            return Footprint(name, "starts", cells_of_route([robot["start"][:2]], min(reach, SENSOR_M)), "start")
+        return Footprint(name, f"unknown {name}", np.empty(0, dtype=np.int64), "unknown")
+
+
+def make_problem(
+    robots: list[dict[str, Any]], edges: list[dict[str, Any]], weights: np.ndarray, footprints: list[Footprint]
+) -> Problem:
+    """The planner's view of what has been measured; a round is one frame of each robot."""
+    names = [edge["name"] for edge in edges]
+    reachable = np.array([[robot["reach"] is None or name in robot["reach"] for name in names] for robot in robots])
+
+    def column(key: str) -> np.ndarray:
+        return np.array([robot[key] for robot in robots], dtype=np.float64)
+
+    def present(key: str) -> np.ndarray:
+        return np.array([names.index(robot[key]) if robot[key] in names else -1 for robot in robots], dtype=np.int64)
+
+    return Problem(
+        robots=tuple(robot["name"] for robot in robots),
+        edges=tuple(names),
+        weights=weights,
+        footprints=lattice_cells(footprints),
+        reachable=reachable,
+        robot_bandwidth=np.full(reachable.shape, BANDWIDTH),
+        edge_bandwidth=np.array([edge["bandwidth"] for edge in edges], dtype=np.float64),
+        speed=np.array([edge["speed"] for edge in edges], dtype=np.float64),
+        cores=np.array([edge["cores"] for edge in edges], dtype=np.int64),
+        frame_bytes=column("frame_bytes"),
+        slam_s=column("slam_s"),
+        pack_s=column("pack_s"),
+        current_slam=present("slam"),
+        current_fuse=present("fuse"),
+        move_cost=column("slam_s") * column("frames"),
+    )
+
+
+def relabelled(groups: np.ndarray, present: np.ndarray, reachable: np.ndarray) -> np.ndarray:
+    """The same groups on such edges that most robots stay where they are fused now; reachability is kept."""
+    from scipy.optimize import linear_sum_assignment
+
+    count = reachable.shape[1]
+    stay = np.zeros((count, count))
+    for group in range(count):
+        members = groups == group
+        for edge in range(count):
+            stay[group, edge] = (members & (present == edge)).sum()
+            if not reachable[members, edge].all():
+                stay[group, edge] = -1e6
+    _, edge_of = linear_sum_assignment(stay, maximize=True)
+    mapped = edge_of[groups]
+    reached = reachable[np.arange(len(mapped)), mapped]
+    return np.where(reached, mapped, groups)

@@ -1,0 +1,260 @@
+"""What the scheduler decides: who is there, where each robot's frames and map go, and when a plan is due.
+
+A robot is placed as soon as it comes, by load; plans regroup robots at intervals. A robot that has left keeps its
+route: its map stays in the fused maps. An edge that is gone for longer than the grace time loses its robots to the
+others, which rebuild them from their spools. When the router is lost, nobody is declared gone: everybody seems to be.
+Every table has an epoch (term, n), the term one higher than that of any claim found at the start, so that the tables
+of an earlier scheduler are fenced off. Events in, instructions out; times come with the events.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from common.wire import Epoch, RobotProfile, Route, Routes
+from services.scheduler.topology import Topology
+
+SETTLE_S = 10.0
+"""once an edge is there, how long the first placing waits for the others that the fleet file names"""
+
+
+@dataclass(frozen=True)
+class RobotSeen:
+    robot: str
+    alive: bool
+    now: float
+
+
+@dataclass(frozen=True)
+class EdgeSeen:
+    edge: str
+    alive: bool
+    now: float
+
+
+@dataclass(frozen=True)
+class Profiled:
+    profile: RobotProfile
+
+
+@dataclass(frozen=True)
+class Linked:
+    """The router is there, or is lost."""
+
+    up: bool
+    now: float
+
+
+@dataclass(frozen=True)
+class Restored:
+    """What edges claimed when this scheduler started."""
+
+    claims: Mapping[str, tuple[str, Epoch]]
+    """robot → (edge, epoch)"""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A plan is ready, made for the table of `epoch`."""
+
+    epoch: Epoch
+    slam: Mapping[str, str]
+    fuse: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class PlanFailed:
+    """The planner could not make one."""
+
+
+@dataclass(frozen=True)
+class Tick:
+    """About ten times a second."""
+
+    now: float
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Every `interval_s`."""
+
+
+Event = RobotSeen | EdgeSeen | Profiled | Linked | Restored | Planned | PlanFailed | Tick | Interval
+
+
+@dataclass(frozen=True)
+class Publish:
+    routes: Routes
+    reason: str
+
+
+@dataclass(frozen=True)
+class MakePlan:
+    """Plan these robots over these edges, given the table of `epoch`."""
+
+    epoch: Epoch
+    robots: tuple[str, ...]
+    edges: tuple[str, ...]
+
+
+Instruction = Publish | MakePlan
+
+
+@dataclass
+class Presence:
+    alive: bool = True
+    since: float = 0.0
+
+
+@dataclass
+class SchedulerState:
+    topology: Topology
+    expected_edges: tuple[str, ...]
+    grace_s: float
+    term: int = 1
+    count: int = 0
+    robots: dict[str, Presence] = field(default_factory=dict)
+    edges: dict[str, Presence] = field(default_factory=dict)
+    profiles: dict[str, RobotProfile] = field(default_factory=dict)
+    routes: dict[str, Route] = field(default_factory=dict)
+    link_up: bool = True
+    link_since: float = float("-inf")
+    planning: bool = False
+    moved: int = 0
+    counters: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def epoch(self) -> Epoch:
+        return self.term, self.count
+
+    def handle(self, event: Event) -> list[Instruction]:
+        match event:
+            case RobotSeen(robot, alive, now):
+                self._seen(self.robots, robot, alive, now)
+                return self._place(now)
+            case EdgeSeen(edge, alive, now):
+                self._seen(self.edges, edge, alive, now)
+                return self._place(now)
+            case Profiled(profile):
+                self.profiles[profile.robot] = profile
+            case Linked(up, now):
+                self.link_up, self.link_since = up, now
+            case Restored(claims):
+                return self._restored(claims)
+            case Planned():
+                return self._planned(event)
+            case PlanFailed():
+                self.planning = False
+                self.counters["plans failed"] += 1
+            case Tick(now):
+                return self._place(now)
+            case Interval():
+                return self._ask_for_plan()
+        return []
+
+    def usable_edges(self, now: float) -> list[str]:
+        """Edges that are there, or whose absence is too fresh (or too widespread) to act on."""
+        return sorted(edge for edge, seen in self.edges.items() if seen.alive or not self._is_gone(seen, now))
+
+    def reachable(self, robot: str, edges: list[str]) -> list[str]:
+        """Those of the edges that the robot can reach."""
+        profile = self.profiles.get(robot)
+        if profile is None or profile.edges is None:
+            return edges
+        return [edge for edge in edges if edge in profile.edges]
+
+    def load(self) -> Counter[str]:
+        """How many present robots each edge runs."""
+        return Counter(
+            route.slam_edge for robot, route in self.routes.items() if robot in self.robots and self.robots[robot].alive
+        )
+
+    def validate(self) -> None:
+        """Raises AssertionError when an invariant does not hold."""
+        for robot, route in self.routes.items():
+            profile = self.profiles.get(robot)
+            assert route.epoch <= self.epoch, f"{robot} has a route of the future"
+            if profile is not None and profile.edges is not None:
+                assert route.slam_edge in profile.edges, f"{robot} cannot reach {route.slam_edge}"
+
+    def _seen(self, known: dict[str, Presence], name: str, alive: bool, now: float) -> None:
+        before = known.get(name)
+        if before is None or before.alive != alive:
+            known[name] = Presence(alive, now)
+
+    def _is_gone(self, seen: Presence, now: float) -> bool:
+        """Gone for longer than the grace time, in which the router was there all along."""
+        steady = self.link_up and now - self.link_since > self.grace_s
+        return not seen.alive and steady and now - seen.since > self.grace_s
+
+    def _settled(self, now: float) -> bool:
+        first = min((seen.since for seen in self.edges.values()), default=now)
+        return bool(self.routes) or now - first > SETTLE_S or all(edge in self.edges for edge in self.expected_edges)
+
+    def _place(self, now: float) -> list[Instruction]:
+        """Give a route to every present robot that has none, or whose edge is gone."""
+        edges = self.usable_edges(now)
+        if not edges or not self.link_up or not self._settled(now):
+            return []
+        reasons = []
+        for robot, seen in sorted(self.robots.items()):
+            route = self.routes.get(robot)
+            if route is None and not seen.alive:
+                continue
+            if route is not None and {route.slam_edge, route.fuse_edge} <= set(edges):
+                continue
+            reasons += self._put(robot, route, edges)
+        return self._publish("; ".join(reasons)) if reasons else []
+
+    def _put(self, robot: str, old: Route | None, edges: list[str]) -> list[str]:
+        choice = self.reachable(robot, edges)
+        if not choice:
+            self.counters["placings without a reachable edge"] += 1
+            return []
+        load = self.load()
+        edge = self.topology.edge_for(robot, choice) or min(choice, key=lambda name: (load[name], name))
+        if old is not None and old.slam_edge in edges:
+            self.routes[robot] = Route(slam_edge=old.slam_edge, fuse_edge=old.slam_edge, epoch=old.epoch)
+            return [f"{robot} fused at {old.slam_edge}: {old.fuse_edge} is gone"]
+        self.routes[robot] = Route(slam_edge=edge, fuse_edge=edge, epoch=(self.term, self.count + 1))
+        if old is None:
+            return [f"{robot} came: to {edge}"]
+        self.moved += 1
+        return [f"{robot} moves to {edge}: {old.slam_edge} is gone"]
+
+    def _publish(self, reason: str) -> list[Instruction]:
+        self.count += 1
+        return [Publish(Routes(epoch=self.epoch, routes=dict(sorted(self.routes.items()))), reason)]
+
+    def _restored(self, claims: Mapping[str, tuple[str, Epoch]]) -> list[Instruction]:
+        self.term = max([self.term, *(epoch[0] + 1 for _, epoch in claims.values())])
+        for robot, (edge, epoch) in sorted(claims.items()):
+            self.routes.setdefault(robot, Route(slam_edge=edge, fuse_edge=edge, epoch=epoch))
+        return self._publish("taken over from the edges' claims") if claims else []
+
+    def _ask_for_plan(self) -> list[Instruction]:
+        edges = sorted(edge for edge, seen in self.edges.items() if seen.alive)
+        robots = tuple(robot for robot in sorted(self.routes) if self.reachable(robot, edges))
+        if self.planning or not self.topology.regroups or len(edges) < 2 or len(robots) < 2 or not self.link_up:
+            return []
+        self.planning = True
+        return [MakePlan(self.epoch, robots, tuple(edges))]
+
+    def _planned(self, plan: Planned) -> list[Instruction]:
+        self.planning = False
+        if plan.epoch != self.epoch:
+            self.counters["plans overtaken by events"] += 1
+            return []
+        moves = []
+        for robot, fuse in sorted(plan.fuse.items()):
+            old = self.routes[robot]
+            slam = plan.slam.get(robot, old.slam_edge)
+            if (slam, fuse) == (old.slam_edge, old.fuse_edge):
+                continue
+            epoch = old.epoch if slam == old.slam_edge else (self.term, self.count + 1)
+            self.routes[robot] = Route(slam_edge=slam, fuse_edge=fuse, epoch=epoch)
+            self.moved += slam != old.slam_edge
+            moves.append(f"{robot} fused at {fuse}" + (f", run at {slam}" if slam != old.slam_edge else ""))
+        return self._publish("; ".join(moves)) if moves else []
