@@ -233,7 +233,8 @@ class RobotAgent:
         if stream != spool.stream:
             raise UsageError(f"robot {self._entry.id} streams {spool.stream}, not {stream}; take its stream from zero")
         start = _number(params, "cursor", _number(params, "from", 0))
-        end = _number(params, "to", spool.now().next_seq - 1)
+        known = self.state.last_seq  # no frame is acknowledged before the state has heard of it
+        end = min(known, _number(params, "to", known))
         page, following = await asyncio.to_thread(spool.read, start, PAGE_BYTES, end)
         frames = tuple(data for _, data in page)
         self._bytes_sent += sum(len(data) for data in frames)

@@ -15,7 +15,7 @@ from router_process import router_process
 from common.bus import Bus, Stream, keys
 from common.bus.intake import Received
 from common.config import BusConfig, EdgeConfig, Fleet, RobotConfig, RobotEntry, SimSource
-from common.errors import PeerError, UsageError
+from common.errors import PeerError, SpoolFull, UsageError
 from common.sweep import Sweep
 from common.wire import Ack, EndOfStream, Frame, FramePage, Message, RobotProfile, RobotStatus, Route, Routes, decode
 from common.wire.limits import MAX_PAGE_BYTES
@@ -173,6 +173,23 @@ async def test_what_is_durable_leaves_the_spool_and_the_rest_stays(
         status = await status_when(bus, lambda status: status.spooled == 20)
         assert (status.processed, status.dropped, status.edge) == (25, 0, "e1")
         assert [frame.seq for frame in await edge.backfill()] == list(range(10, 30))
+
+
+async def test_a_disk_too_full_to_trim_does_not_end_the_robot(
+    endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(spool: Spool, durable: int) -> None:
+        raise SpoolFull("disk is full")
+
+    bus = await open_bus()
+    async with running(fleet_at(endpoint, root), tmp_path, sweeps(30)):
+        end = await end_of(bus)
+        with monkeypatch.context() as full:
+            full.setattr(Spool, "trim", refuse)
+            await PlayedEdge(bus).ack(end.stream, processed=25, durable=9)
+            await status_when(bus, lambda status: status.processed == 25)
+        await PlayedEdge(bus).ack(end.stream, processed=26, durable=10)
+        await status_when(bus, lambda status: status.spooled == 19)
 
 
 async def test_after_a_hand_over_the_old_edge_is_not_heard_and_the_new_one_gets_all_that_it_lacks(
