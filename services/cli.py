@@ -216,7 +216,13 @@ def main() -> None:
 
 
 def _service(module: str, arguments: list[str]) -> NoReturn:
-    """Become the service: signals and exit code are its own."""
+    """Become the service: signals and exit code are its own. `--config` may name a fleet that comes along."""
+    from services.command.fleets import find
+
+    config = next((at for at, word in enumerate(arguments[:-1], 1) if word == "--config"), None)
+    if config is not None:
+        name = arguments[config]
+        arguments[config] = str(_checked(lambda: find(name)))
     sys.stdout.flush()
     os.execv(sys.executable, [sys.executable, "-m", f"services.{module}", *arguments])
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import os
 import shutil
 import signal
 import time
 from collections.abc import AsyncIterator, Coroutine, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,8 +23,6 @@ from services.command.children import Children
 from services.command.progress import shown
 from services.command.run_folder import Cluster, RunFolder
 from services.command.topology import arrange, programs
-
-log = logging.getLogger(__name__)
 
 
 class Made(NamedTuple):
@@ -52,8 +49,11 @@ async def run(
         async with _up(fleet, folder, console) as (bus, children):
             async with shown(bus, console) as progress:
                 finished = await _until_end(fleet, bus, children, asked)
-            if finished or not fleet.batch:
+            if finished:
                 made = await _collected(bus, progress.elapsed_s)
+            elif not fleet.batch:
+                with suppress(PeerError):  # a live fleet may be stopped before its first map
+                    made = await _collected(bus, progress.elapsed_s)
             if finished and keep:
                 await _leave(made, fleet, truth, folder, console)
                 console.print(f"the cluster stays up at {bus.endpoint}; Ctrl-C stops it", soft_wrap=True)
@@ -131,13 +131,8 @@ async def _final_map(bus: Bus, fleet: Fleet) -> None:
             return
 
 
-async def _collected(bus: Bus, elapsed_s: float) -> Made | None:
-    """What the cluster has made so far; None when that is no map."""
-    try:
-        return Made(await collect.global_map(bus), await collect.statuses(bus), elapsed_s)
-    except PeerError as error:
-        log.warning("no map to leave", extra={"reason": error})
-        return None
+async def _collected(bus: Bus, elapsed_s: float) -> Made:
+    return Made(await collect.global_map(bus), await collect.statuses(bus), elapsed_s)
 
 
 async def _leave(made: Made | None, fleet: Fleet, truth: Fleet | None, folder: RunFolder, console: Console) -> None:

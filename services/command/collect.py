@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.bus import Bus, keys
+from common.bus.tiles import fetch_tiles
 from common.errors import PeerError, QueryFailed
 from common.geometry import compose
 from common.grid import Grid
@@ -26,7 +27,6 @@ from common.wire import (
     RobotStatus,
     Routes,
     SchedulerStatus,
-    TilePage,
     TrajectoryPage,
     Transforms,
 )
@@ -80,13 +80,9 @@ async def global_map(bus: Bus) -> GlobalMap:
 
 async def fetch_grid(bus: Bus) -> Grid:
     """All tiles of the global map."""
-    grid: Grid | None = None
-    async for page in bus.pages(f"{keys.CLOUD_MAP}/tiles", {"since": 0}):
-        if not isinstance(page, TilePage):
-            raise QueryFailed(f"answered with a {type(page).__name__}, not with tiles", keys.CLOUD_MAP)
-        grid = grid or Grid(page.resolution)
-        grid.replace([((tile.x, tile.y), decode_counts(tile.data, page.source)) for tile in page.tiles])
-    assert grid is not None  # there is a first page, or QueryFailed
+    delta = await fetch_tiles(bus, keys.CLOUD_MAP)
+    grid = Grid(delta.resolution)
+    grid.replace([((tile.x, tile.y), decode_counts(tile.data, keys.CLOUD_MAP)) for tile in delta.tiles])
     return grid
 
 
