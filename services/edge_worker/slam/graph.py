@@ -23,7 +23,7 @@ from services.edge_worker.slam.keyframe import Keyframe
 from services.edge_worker.slam.loop_closer import LoopCloser
 from services.edge_worker.slam.pose_graph import PoseGraph
 from services.edge_worker.slam.rendering import Rendering
-from services.edge_worker.slam.scan import Scan, ScanReader
+from services.edge_worker.slam.scan import Scan, ScanReader, unslipped
 from services.edge_worker.slam.tracker import Match, Tracker
 from services.edge_worker.slam.trajectory import Trajectory
 
@@ -67,6 +67,9 @@ class GraphSlam:
         match = self.tracker.match(scan, self.pose)
         self.reader.learn(between(self.pose, match.pose), match.matched)
         self.pose = match.pose
+        if match.slip is not None:
+            self.reader.slipped(match.slip)
+            scan = unslipped(scan, match.slip)
         if self._is_new_place(match):
             self._add_keyframe(scan, match)
             self._close_loops()

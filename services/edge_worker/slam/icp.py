@@ -1,4 +1,9 @@
-"""Point-to-line alignment of a scan with a surfel map (Censi 2008's metric, robust weights, a motion prior)."""
+"""Point-to-line alignment of a scan with a surfel map (Censi 2008's metric, robust weights, a motion prior).
+
+A scan whose motion within the sweep was only guessed is aligned together with what that guess was off by: each
+point then moves by the correction to the velocity times the point's own time, and both are solved for at once. The
+velocity is tethered to the motion since the scan before, or a map skewed by a wrong one would keep it going wrong.
+"""
 
 from __future__ import annotations
 
@@ -24,15 +29,35 @@ NOISE_M = 0.02
 """standard deviation of a point off its line: beam noise, and that neighbours err alike"""
 
 
+class Sweep(NamedTuple):
+    """A guessed motion within a sweep."""
+
+    times: NDArray[np.float32]
+    """(n,) of the points, s from the stamp on; empty: the motion is known"""
+    velocity: NDArray[np.float64]
+    """(3,) guessed, that the points were compensated with: m/s, m/s, rad/s"""
+    before: NDArray[np.float64]
+    """(3,) pose at the scan before"""
+    rates: NDArray[np.float64]
+    """(3,) 1/s between the scans for each part of the velocity, 0 where the guess is better than that"""
+    sigma: tuple[float, float]
+    """m/s, rad/s: standard deviation of the velocity about the motion between the scans"""
+
+
+KNOWN = Sweep(np.empty(0, np.float32), np.zeros(3), np.zeros(3), np.zeros(3), (1.0, 1.0))
+
+
 class Alignment(NamedTuple):
     """What ICP found."""
 
     pose: NDArray[np.float64]
     """(3,) in the map's frame"""
     information: NDArray[np.float64]
-    """(3, 3) of the scan alone about `pose`, in world axes: 1/m^2, 1/(m rad), 1/rad^2"""
+    """(3, 3) of the scan alone about `pose`, in its own frame: 1/m^2, 1/(m rad), 1/rad^2"""
     inliers: float
     """share of the points that agree with the map"""
+    slip: NDArray[np.float64]
+    """(3,) correction to the velocity in the sweep, m/s, m/s, rad/s in the base frame"""
 
 
 def align(
@@ -42,12 +67,30 @@ def align(
     start: NDArray[np.float64],
     prior: NDArray[np.float64],
     sigma: tuple[float, float],
+    sweep: Sweep = KNOWN,
 ) -> Alignment:
     """Pose of points (n, 2) with normals (n, 2), sought from `start`, near `prior` within `sigma` (m, rad)."""
-    weights = np.array([sigma[0] ** -2, sigma[0] ** -2, sigma[1] ** -2])
-    return Alignment(
-        *solve(surfels.index, surfels.sums, surfels.chain, points, normals, start, prior, weights, ITERATIONS)
+    spread = np.array([sigma[0], sigma[0], sigma[1], sweep.sigma[0], sweep.sigma[0], sweep.sigma[1]])
+    pose, slip, hessian, inliers = solve(
+        surfels.index,
+        surfels.sums,
+        surfels.chain,
+        points,
+        normals,
+        sweep.times,
+        sweep.velocity,
+        sweep.before,
+        sweep.rates,
+        start,
+        prior,
+        spread**-2.0,
+        ITERATIONS,
     )
+    information = hessian[:3, :3]
+    if len(sweep.times):
+        cross, rest = hessian[:3, 3:], hessian[3:, 3:] + np.diag(spread[3:] ** -2.0)
+        information = information - cross @ np.linalg.solve(rest, cross.T)
+    return Alignment(pose, information, inliers, slip)
 
 
 @njit(cache=True)
@@ -57,32 +100,63 @@ def solve(
     chain: NDArray[np.int32],
     points: Points,
     normals: Points,
+    times: NDArray[np.float32],
+    velocity: NDArray[np.float64],
+    before: NDArray[np.float64],
+    rates: NDArray[np.float64],
     start: NDArray[np.float64],
     prior: NDArray[np.float64],
     weights: NDArray[np.float64],
     iterations: int,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Gauss-Newton over correspondences found anew in each iteration; see `Alignment` for what it returns."""
-    pose = start.copy()
-    information = np.zeros((3, 3))
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]:
+    """Gauss-Newton over correspondences found anew in each iteration: pose, slip, Hessian (6, 6), share of inliers."""
+    pose, slip = start.copy(), np.zeros(3)
+    size = 6 if len(times) else 3
+    hessian, gradient = np.zeros((6, 6)), np.zeros(6)
     inliers = 0
     for iteration in range(iterations):
         scale = WIDE_M if iteration < WIDE_ITERATIONS else NARROW_M
-        information, gradient, inliers = _normal_equations(index, sums, chain, points, normals, pose, scale)
-        system = information.copy()
-        for k in range(3):
-            off = pose[k] - prior[k]
-            if k == 2:
-                off = (off + np.pi) % (2 * np.pi) - np.pi
+        inliers = _normal_equations(index, sums, chain, points, normals, times, pose, slip, scale, hessian, gradient)
+        system = hessian.copy()
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        dx, dy = pose[0] - prior[0], pose[1] - prior[1]
+        gradient[0] += weights[0] * (c * dx + s * dy)
+        gradient[1] += weights[1] * (-s * dx + c * dy)
+        gradient[2] += weights[2] * ((pose[2] - prior[2] + np.pi) % (2 * np.pi) - np.pi)
+        _tether(gradient, weights, slip, velocity, before, rates, pose)
+        for k in range(6):
             system[k, k] += weights[k]
-            gradient[k] += weights[k] * off
-        step = _solve3(system, gradient)
-        pose -= step
+        step = _solve(system, gradient, size)
+        pose[0] -= c * step[0] - s * step[1]
+        pose[1] -= s * step[0] + c * step[1]
+        pose[2] -= step[2]
+        for k in range(size - 3):
+            slip[k] -= step[3 + k]
         small = abs(step[0]) < STEP_M and abs(step[1]) < STEP_M and abs(step[2]) < STEP_RAD
         if small and iteration >= WIDE_ITERATIONS:
             break
     pose[2] = (pose[2] + np.pi) % (2 * np.pi) - np.pi
-    return pose, information, inliers / max(len(points), 1)
+    return pose, slip, hessian, inliers / max(len(points), 1)
+
+
+@njit(cache=True)
+def _tether(
+    gradient: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    slip: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    before: NDArray[np.float64],
+    rates: NDArray[np.float64],
+    pose: NDArray[np.float64],
+) -> None:
+    """Pull the velocity to the motion between the scans, or for want of it to the guess."""
+    c, s = np.cos(before[2]), np.sin(before[2])
+    dx, dy = pose[0] - before[0], pose[1] - before[1]
+    turn = (pose[2] - before[2] + np.pi) % (2 * np.pi) - np.pi
+    motion = (c * dx + s * dy, -s * dx + c * dy, turn)
+    for k in range(3):
+        off = slip[k] + velocity[k] - rates[k] * motion[k] if rates[k] > 0.0 else slip[k]
+        gradient[3 + k] += weights[3 + k] * off
 
 
 @njit(cache=True)
@@ -92,37 +166,50 @@ def _normal_equations(
     chain: NDArray[np.int32],
     points: Points,
     normals: Points,
+    times: NDArray[np.float32],
     pose: NDArray[np.float64],
+    slip: NDArray[np.float64],
     scale: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-    hessian, gradient = np.zeros((3, 3)), np.zeros(3)
+    hessian: NDArray[np.float64],
+    gradient: NDArray[np.float64],
+) -> int:
+    """Fill Hessian (6, 6) and gradient (6,) of pose and slip, in the base frame; returns the number of inliers."""
+    hessian[:] = 0.0
+    gradient[:] = 0.0
+    row = np.zeros(6)
+    size = 6 if len(times) else 3
     inliers = 0
     c, s = np.cos(pose[2]), np.sin(pose[2])
     for k in range(len(points)):
-        rx, ry = c * points[k, 0] - s * points[k, 1], s * points[k, 0] + c * points[k, 1]
-        x, y = pose[0] + rx, pose[1] + ry
-        nx, ny = c * normals[k, 0] - s * normals[k, 1], s * normals[k, 0] + c * normals[k, 1]
-        slot = nearest(index, sums, chain, x, y, nx, ny)
+        px, py, bx, by = points[k, 0], points[k, 1], normals[k, 0], normals[k, 1]
+        if size == 6:
+            t = times[k]
+            cs, ss = np.cos(t * slip[2]), np.sin(t * slip[2])
+            px, py = t * slip[0] + cs * px - ss * py, t * slip[1] + ss * px + cs * py
+            bx, by = cs * bx - ss * by, ss * bx + cs * by
+        x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
+        slot = nearest(index, sums, chain, x, y, c * bx - s * by, s * bx + c * by)
         if slot < 0:
             continue
         count, norm = sums[slot, 0], np.hypot(sums[slot, 3], sums[slot, 4])
-        mx, my = sums[slot, 3] / norm, sums[slot, 4] / norm
-        off = mx * (x - sums[slot, 1] / count) + my * (y - sums[slot, 2] / count)
+        nx, ny = sums[slot, 3] / norm, sums[slot, 4] / norm
+        off = nx * (x - sums[slot, 1] / count) + ny * (y - sums[slot, 2] / count)
         if abs(off) < INLIER_M:
             inliers += 1
         weight = (scale * scale / (scale * scale + off * off)) ** 2 / NOISE_M**2
-        turn = my * rx - mx * ry
-        hessian[0, 0] += weight * mx * mx
-        hessian[0, 1] += weight * mx * my
-        hessian[1, 1] += weight * my * my
-        hessian[0, 2] += weight * mx * turn
-        hessian[1, 2] += weight * my * turn
-        hessian[2, 2] += weight * turn * turn
-        gradient[0] += weight * mx * off
-        gradient[1] += weight * my * off
-        gradient[2] += weight * turn * off
-    hessian[1, 0], hessian[2, 0], hessian[2, 1] = hessian[0, 1], hessian[0, 2], hessian[1, 2]
-    return hessian, gradient, inliers
+        row[0], row[1] = c * nx + s * ny, -s * nx + c * ny
+        row[2] = row[1] * px - row[0] * py
+        if size == 6:
+            for m in range(3):
+                row[3 + m] = times[k] * row[m]
+        for m in range(size):
+            gradient[m] += weight * row[m] * off
+            for n in range(m + 1):
+                hessian[m, n] += weight * row[m] * row[n]
+    for m in range(size):
+        for n in range(m):
+            hessian[n, m] = hessian[m, n]
+    return inliers
 
 
 @njit(cache=True)
@@ -153,17 +240,23 @@ def nearest(
 
 
 @njit(cache=True)
-def _solve3(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """x with `a` x = `b` for a positive definite 3 x 3 matrix, by LDL^T."""
-    d0 = a[0, 0]
-    l10, l20 = a[1, 0] / d0, a[2, 0] / d0
-    d1 = a[1, 1] - l10 * l10 * d0
-    l21 = (a[2, 1] - l20 * l10 * d0) / d1
-    d2 = a[2, 2] - l20 * l20 * d0 - l21 * l21 * d1
-    y0 = b[0]
-    y1 = b[1] - l10 * y0
-    y2 = b[2] - l20 * y0 - l21 * y1
-    x2 = y2 / d2
-    x1 = y1 / d1 - l21 * x2
-    x0 = y0 / d0 - l10 * x1 - l20 * x2
-    return np.array([x0, x1, x2])
+def _solve(a: NDArray[np.float64], b: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """x with `a` x = `b` for the first `size` rows of a positive definite matrix, by Cholesky; `a` is used up."""
+    x = b.copy()
+    for j in range(size):
+        for k in range(j):
+            a[j, j] -= a[j, k] * a[j, k]
+        a[j, j] = np.sqrt(a[j, j])
+        for i in range(j + 1, size):
+            for k in range(j):
+                a[i, j] -= a[i, k] * a[j, k]
+            a[i, j] /= a[j, j]
+    for i in range(size):
+        for k in range(i):
+            x[i] -= a[i, k] * x[k]
+        x[i] /= a[i, i]
+    for i in range(size - 1, -1, -1):
+        for k in range(i + 1, size):
+            x[i] -= a[k, i] * x[k]
+        x[i] /= a[i, i]
+    return x

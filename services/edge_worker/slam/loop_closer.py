@@ -163,11 +163,7 @@ class LoopCloser:
             return None
         if inliers < self.settings.loop_inliers:
             return None
-        turn = np.eye(3)
-        c, s = np.cos(alignment.pose[2]), np.sin(alignment.pose[2])
-        turn[:2, :2] = [[c, -s], [s, c]]
-        local = turn.T @ alignment.information @ turn
-        information = np.linalg.inv(np.linalg.inv(local + np.eye(3)) + FLOOR)
+        information = np.linalg.inv(np.linalg.inv(alignment.information + np.eye(3)) + FLOOR)
         off = between(guess, alignment.pose)
         nearest = int(np.argmin(np.hypot(*(submap.poses - alignment.pose)[:, :2].T)))
         return Loop(

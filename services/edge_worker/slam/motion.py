@@ -25,6 +25,8 @@ SPEED_BASE_S = 0.1
 """samples closer than this give no velocity: their stamps jitter"""
 MAX_SPEED = 3.0
 """m/s; what goes faster is a bunched stamp or an odometry that was reset"""
+MAX_TURN = 4.0
+"""rad/s"""
 JUMP_M = 1.0
 """m by which odometry may break that limit between two frames, whatever their stamps"""
 HISTORY = 8
@@ -53,7 +55,10 @@ class DeadReckoning:
         """(3,) the odometry's pose at that frame; None where it had none"""
         self.history = np.empty((0, 6))
         """(k, 6) of the latest frames: where odometry was at the frame before each, and the motion taken since"""
-        self._dt = 0.0
+        self.guessed = self.velocity
+        """the velocity when the latest frame came"""
+        self.dt = 0.0
+        """s between the latest two frames"""
         self._gyro_yaw: float | None = None
         self._was_at: NDArray[np.float64] | None = None
 
@@ -64,25 +69,31 @@ class DeadReckoning:
         """
         before, now = self.stamp, frame.stamp
         was_at = self._was_at = self.at
+        self.guessed = self.velocity
         if before is None or now < before:
             self.odometry = self.imu = NO_SAMPLES
         start = now if before is None else min(before, now)
         self.odometry = _extend(self.odometry, frame.odometry, start)
         self.imu = _extend(self.imu, frame.imu, start)
-        self.stamp, self._dt = now, (0.0 if before is None else now - before)
+        self.stamp, self.dt = now, (0.0 if before is None else now - before)
         self.at = _pose_at(self.odometry, now)
         self._gyro_yaw = None
         if before is None:
             return np.zeros(3), False
         motion = self._coasted() if self.at is None or was_at is None else between(was_at, self.at)
         measured = self.at is not None and was_at is not None
-        if measured and np.hypot(motion[0], motion[1]) > JUMP_M + MAX_SPEED * max(self._dt, 0.0):
+        if measured and np.hypot(motion[0], motion[1]) > JUMP_M + MAX_SPEED * max(self.dt, 0.0):
             motion, measured = self._coasted(), False
-        if self._dt > 0.0 and _covers(self.imu, before, now):
+        if self.dt > 0.0 and _covers(self.imu, before, now):
             yaw = self._gyro_yaw = self._yaw(before, now)
             motion = compose(np.array([0.0, 0.0, (yaw - motion[2]) / 2]), motion)
             motion[2] = wrap(yaw)
         return motion, measured
+
+    @property
+    def turn_measured(self) -> bool:
+        """A gyro measured the rotation since the frame before."""
+        return self._gyro_yaw is not None
 
     def within(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Poses (k, 3) of the base at `times` (k,) seconds near the last stamp, in the base at that stamp."""
@@ -113,17 +124,20 @@ class DeadReckoning:
             self.history = self.history[:0]
         else:
             self.history = np.vstack([self.history[1 - HISTORY :], np.concatenate([self._was_at, motion])])
-        if self._dt <= 0.0 or not matched:
+        if self.dt <= 0.0:
             return
-        self.velocity = motion / self._dt
-        if self._dt > 2 * COAST_S or np.hypot(self.velocity[0], self.velocity[1]) > MAX_SPEED:
-            self.velocity = np.zeros(3)
+        self._take(motion / self.dt if matched and self.dt <= 2 * COAST_S else np.zeros(3))
         if self._gyro_yaw is None:
             return
-        error = float(wrap(self._gyro_yaw - motion[2])) / self._dt
-        self.bias_age = min(self.bias_age + self._dt, BIAS_MEMORY_S)
-        gain = min(self._dt / max(self.bias_age, 1.0), 1.0)
+        error = float(wrap(self._gyro_yaw - motion[2])) / self.dt
+        self.bias_age = min(self.bias_age + self.dt, BIAS_MEMORY_S)
+        gain = min(self.dt / max(self.bias_age, 1.0), 1.0)
         self.bias = float(np.clip(self.bias + gain * error, -BIAS_LIMIT, BIAS_LIMIT))
+
+    def slipped(self, slip: NDArray[np.float64]) -> None:
+        """Correct the velocity, after `learn`, by what matching found that it was off by during the sweep."""
+        velocity = self.guessed + slip
+        self._take(velocity if self._gyro_yaw is None else np.append(velocity[:2], self.velocity[2]))
 
     def state(self) -> dict[str, Any]:
         """Everything that the next frame depends on, as msgpack and arrays take it."""
@@ -147,9 +161,14 @@ class DeadReckoning:
         self.odometry, self.imu, self.velocity = state["odometry"], state["imu"], state["velocity"]
         return self
 
+    def _take(self, velocity: NDArray[np.float64]) -> None:
+        """Believe a velocity (3,), but not one that no robot has: that comes of bunched stamps or a wrong match."""
+        fair = np.hypot(velocity[0], velocity[1]) <= MAX_SPEED and abs(velocity[2]) <= MAX_TURN
+        self.velocity = velocity if fair else np.zeros(3)
+
     def _coasted(self) -> NDArray[np.float64]:
         """The motion (3,) since the frame before if the velocity went on; none across a pause."""
-        return self.velocity * self._dt if 0.0 < self._dt <= COAST_S else np.zeros(3)
+        return self.velocity * self.dt if 0.0 < self.dt <= COAST_S else np.zeros(3)
 
     def _yaw(self, start: float, end: float) -> float:
         """The gyro's rotation from `start` to `end`, bias taken off, rad."""

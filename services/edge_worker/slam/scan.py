@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -32,12 +32,20 @@ class Scan:
     """(3,) dead-reckoned motion since the frame before, in that frame's base: m, m, rad"""
     measured: bool
     """odometry measured the motion; False: it is a guess of constant velocity (with the gyro's yaw, if any)"""
+    turn_measured: bool = False
+    """a gyro measured the rotation"""
+    dt: float = 0.0
+    """s since the frame before"""
+    velocity: NDArray[np.float64] | None = None
+    """(3,) guessed, that the sweep was compensated with: m/s, m/s, rad/s; None where it was measured"""
     alternatives: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 3)))
     """(k, 3) other motions to try where this one leads nowhere"""
     points: Points = field(default_factory=lambda: NO_POINTS)
     """(n, 2) where beams ended, m"""
     beams: NDArray[np.int32] = field(default_factory=lambda: np.empty(0, np.int32))
     """(n,) index of the beam behind each point: neighbours in it are neighbours in angle"""
+    times: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
+    """(n,) when each point was taken, s from the stamp on; all 0 for an instantaneous sweep"""
     silent: Points = field(default_factory=lambda: NO_POINTS)
     """(m, 2) ends, cut at the clearing range, of beams that met nothing, m"""
     laser: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
@@ -56,10 +64,18 @@ class ScanReader:
     def read(self, frame: Frame) -> Scan:
         """The scan of the next frame. A frame without a usable beam gives a scan without points."""
         motion, measured = self.reckoning.advance(frame)
-        others = self.reckoning.alternatives()
-        scan = frame.scan
+        reckoning, scan = self.reckoning, frame.scan
+        read = Scan(
+            frame.stamp,
+            motion,
+            measured,
+            reckoning.turn_measured,
+            reckoning.dt,
+            None if measured else reckoning.guessed,
+            reckoning.alternatives(),
+        )
         if scan is None or len(scan.ranges) == 0:
-            return Scan(frame.stamp, motion, measured, others)
+            return read
         start, times, poses = self._sweep(frame, scan)
         ends, beams, silent = project(
             scan.metres().astype(np.float64),
@@ -75,7 +91,8 @@ class ScanReader:
             poses,
         )
         laser = np.array(scan.mount[:2], np.float64)
-        return Scan(frame.stamp, motion, measured, others, ends, beams, silent, laser)
+        taken = (start + scan.time_increment * beams).astype(np.float32)
+        return replace(read, points=ends, beams=beams, times=taken, silent=silent, laser=laser)
 
     def learn(self, motion: NDArray[np.float64], matched: bool = True) -> None:
         """Tell the motion (3,) since the frame before that was settled on, in that frame's base; for every frame.
@@ -83,6 +100,10 @@ class ScanReader:
         `matched`: by matching the scan, not for want of a match.
         """
         self.reckoning.learn(motion, matched)
+
+    def slipped(self, slip: NDArray[np.float64]) -> None:
+        """Tell what a guessed velocity was off by in the sweep just read: (3,) m/s, m/s, rad/s."""
+        self.reckoning.slipped(slip)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next scan depends on, as msgpack and arrays take it."""
@@ -100,6 +121,15 @@ class ScanReader:
             return 0.0, np.zeros(1), np.zeros((1, 3))
         times = start + np.linspace(0.0, duration, KNOTS)
         return start, times, self.reckoning.within(frame.stamp + times)
+
+
+def unslipped(scan: Scan, slip: NDArray[np.float64]) -> Scan:
+    """The scan with its points moved by a correction (3,) to the velocity that they were compensated with."""
+    turn = scan.times * slip[2]
+    c, s = np.cos(turn), np.sin(turn)
+    x = scan.times * slip[0] + c * scan.points[:, 0] - s * scan.points[:, 1]
+    y = scan.times * slip[1] + s * scan.points[:, 0] + c * scan.points[:, 1]
+    return replace(scan, points=np.stack([x, y], axis=1).astype(np.float32))
 
 
 @njit(cache=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from common.geometry import compose
 from services.edge_worker.slam.correlate import correlate
 from services.edge_worker.slam.graph_settings import GraphSettings
-from services.edge_worker.slam.icp import Alignment, align
+from services.edge_worker.slam.icp import KNOWN, Alignment, Sweep, align
 from services.edge_worker.slam.keyframe import Keyframe, normals, thin
 from services.edge_worker.slam.scan import Points, Scan
 from services.edge_worker.slam.surfels import SurfelMap
@@ -27,11 +27,16 @@ GOOD_INLIERS = 0.6
 """below this the match is sought again, far and wide"""
 BETTER = 0.1
 """inlier share by which the wide match must be better to be believed"""
-WIDE_M, WIDE_RAD, WIDE_STEP = 1.0, 0.6, 0.03
+WIDE_WINDOW = (1.0, 0.6, 0.03)
 WIDE_SIGMA = (0.5, 0.5)
 GUESS_M, GUESS_RAD = 0.4, 0.4
 GUESS_SIGMA = (0.3, 0.3)
 """window (m, rad) and standard deviation of a motion that nothing measured"""
+SLIP_SIGMA = (0.3, 0.8)
+TURN_SLIP_MEASURED = 0.02
+"""m/s, rad/s by which the velocity in a sweep differs from that between the scans; the turn, from the gyro's"""
+SHORTEST_S, LONGEST_S = 0.02, 0.6
+"""s between scans that tell a velocity"""
 STILL_SIGMA = (0.01, 0.005)
 """m, rad of measured motion, however short"""
 FLOOR = np.diag([0.005**2, 0.005**2, 0.002**2])
@@ -46,6 +51,16 @@ class Match(NamedTuple):
     matched: bool
     information: NDArray[np.float64]
     """(3, 3) of the pose in its own frame"""
+    slip: NDArray[np.float64] | None = None
+    """(3,) what a guessed velocity was off by during the sweep, m/s, m/s, rad/s; None where it was not guessed"""
+
+
+class Query(NamedTuple):
+    """The points of a scan that are matched."""
+
+    points: Points
+    normals: Points
+    sweep: Sweep
 
 
 class Tracker:
@@ -59,42 +74,46 @@ class Tracker:
 
     def match(self, scan: Scan, pose: NDArray[np.float64]) -> Match:
         """Where the scan was taken, `pose` being where the frame before was."""
-        predicted = compose(pose, scan.motion)
-        moved, turned = float(np.hypot(scan.motion[0], scan.motion[1])), abs(float(scan.motion[2]))
-        share = self.settings.odometry_share
-        sigma = (STILL_SIGMA[0] + share * moved, STILL_SIGMA[1] + share * turned) if scan.measured else GUESS_SIGMA
         facing = normals(scan.points, scan.beams, scan.laser)
         kept = thin(scan.points, facing, SPACING, self.settings.match_points)
+        predicted, (window, sigma) = compose(pose, scan.motion), self._uncertainty(scan)
         if len(kept) < self.settings.min_points:
-            return Match(predicted, False, _information(np.zeros((3, 3)), predicted, sigma))
-        points, facing = scan.points[kept], facing[kept]
-        reach = min(0.1 + 0.2 * moved, GUESS_M) if scan.measured else GUESS_M
-        turn = min(0.05 + 0.2 * turned, GUESS_RAD) if scan.measured else GUESS_RAD
-        found = self._align(points, facing, predicted, (reach, turn, TURN_STEP), sigma)
+            return Match(predicted, False, _information(np.zeros((3, 3)), sigma))
+        guessed = scan.velocity is not None and bool(scan.times.any())
+        query = Query(scan.points[kept], facing[kept], self._sweep(scan, kept, pose) if guessed else KNOWN)
+        found = self._align(query, predicted, window, sigma)
         if found.inliers < GOOD_INLIERS:
-            found, sigma = self._search_wide(scan, pose, points, facing, found, sigma)
+            for motion in (scan.motion, *scan.alternatives):
+                wide = self._align(query, compose(pose, motion), WIDE_WINDOW, WIDE_SIGMA)
+                if wide.inliers > found.inliers + BETTER:
+                    found, sigma = wide, WIDE_SIGMA
+                if found.inliers >= GOOD_INLIERS:
+                    break
         if found.inliers < self.settings.min_inliers:
-            return Match(predicted, False, _information(np.zeros((3, 3)), predicted, sigma))
+            return Match(predicted, False, _information(np.zeros((3, 3)), sigma))
         floor = FLOOR if found.inliers >= GOOD_INLIERS else DOUBTFUL_FLOOR
-        return Match(found.pose, True, _information(found.information, found.pose, sigma, floor))
+        slip = found.slip if guessed and found.inliers >= GOOD_INLIERS else None
+        return Match(found.pose, True, _information(found.information, sigma, floor), slip)
 
-    def _search_wide(
-        self,
-        scan: Scan,
-        pose: NDArray[np.float64],
-        points: Points,
-        facing: Points,
-        found: Alignment,
-        sigma: tuple[float, float],
-    ) -> tuple[Alignment, tuple[float, float]]:
-        """A better match than `found` far around, from each motion that the robot may have made, or `found`."""
-        for motion in (scan.motion, *scan.alternatives):
-            wide = self._align(points, facing, compose(pose, motion), (WIDE_M, WIDE_RAD, WIDE_STEP), WIDE_SIGMA)
-            if wide.inliers > found.inliers + BETTER:
-                found, sigma = wide, WIDE_SIGMA
-            if found.inliers >= GOOD_INLIERS:
-                break
-        return found, sigma
+    def _sweep(self, scan: Scan, kept: NDArray[np.int64], pose: NDArray[np.float64]) -> Sweep:
+        """How the motion in this sweep was guessed."""
+        assert scan.velocity is not None
+        rate = 1.0 / scan.dt if SHORTEST_S <= scan.dt <= LONGEST_S else 0.0
+        rates = np.array([rate, rate, 0.0 if scan.turn_measured else rate])
+        sigma = (SLIP_SIGMA[0], TURN_SLIP_MEASURED if scan.turn_measured else SLIP_SIGMA[1])
+        return Sweep(scan.times[kept], scan.velocity, pose, rates, sigma)
+
+    def _uncertainty(self, scan: Scan) -> tuple[tuple[float, float, float], tuple[float, float]]:
+        """Search window (m, rad, step in rad) and standard deviation (m, rad) of the scan's predicted motion."""
+        moved, turned = float(np.hypot(scan.motion[0], scan.motion[1])), abs(float(scan.motion[2]))
+        share = self.settings.odometry_share
+        reach, sigma_m = GUESS_M, GUESS_SIGMA[0]
+        if scan.measured:
+            reach, sigma_m = min(0.1 + 0.2 * moved, GUESS_M), STILL_SIGMA[0] + share * moved
+        turn, sigma_rad = GUESS_RAD, GUESS_SIGMA[1]
+        if scan.measured or scan.turn_measured:
+            turn, sigma_rad = min(0.05 + 0.2 * turned, GUESS_RAD), STILL_SIGMA[1] + share * turned
+        return (reach, turn, TURN_STEP), (sigma_m, sigma_rad)
 
     def add(self, keyframes: list[Keyframe], poses: NDArray[np.float64]) -> None:
         """Take the newest keyframe into the local map."""
@@ -112,22 +131,19 @@ class Tracker:
 
     def _align(
         self,
-        points: Points,
-        facing: Points,
+        query: Query,
         predicted: NDArray[np.float64],
         window: tuple[float, float, float],
         sigma: tuple[float, float],
     ) -> Alignment:
-        sample = points[:: max(len(points) // COARSE_POINTS, 1)]
+        sample = query.points[:: max(len(query.points) // COARSE_POINTS, 1)]
         start, _ = correlate(self.local.field, sample, predicted, *window)
-        return align(self.local, points, facing, start, predicted, sigma)
+        return align(self.local, query.points, query.normals, start, predicted, sigma, query.sweep)
 
 
 def _information(
-    scan: NDArray[np.float64], pose: NDArray[np.float64], sigma: tuple[float, float], floor: NDArray[np.float64] = FLOOR
+    scan: NDArray[np.float64], sigma: tuple[float, float], floor: NDArray[np.float64] = FLOOR
 ) -> NDArray[np.float64]:
-    """Scan and prior together, turned from world axes into the pose's own, with `floor` added to the covariance."""
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    both = turn.T @ scan @ turn + np.diag([sigma[0] ** -2, sigma[0] ** -2, sigma[1] ** -2])
+    """What scan and prior say together of a pose, in its own frame, with `floor` added to the covariance."""
+    both = scan + np.diag([sigma[0] ** -2, sigma[0] ** -2, sigma[1] ** -2])
     return np.asarray(np.linalg.inv(np.linalg.inv(both) + floor), np.float64)
