@@ -59,6 +59,14 @@ class Plan(NamedTuple):
     """(E,) cells of the edge map"""
     cover: NDArray[np.int32]
     """(E, C) how many maps cover a cell"""
+    crowd: Floats
+    """(E,) by how much an edge's load and speed stretch SLAM"""
+    linked: Ints
+    """(E, E) robots by SLAM edge and fusing edge"""
+    member: Ints
+    """(E, V) the robots that edge e fuses are member[e, :maps[e]]"""
+    place: Ints
+    """(V,) where a robot stands there"""
 
 
 def stages_of(problem: Problem) -> Stages:
@@ -90,16 +98,29 @@ def stages_of(problem: Problem) -> Stages:
 
 
 def plan_of(stages: Stages, slam: Ints, fuse: Ints) -> Plan:
-    edges = stages.speed.size
+    edges, robots = stages.speed.size, stages.slam.size
     cover = np.zeros((edges, int(stages.cells.max(initial=-1)) + 1), dtype=np.int32)
     np.add.at(cover, (np.repeat(fuse, np.diff(stages.first)), stages.cells), 1)
+    running = np.bincount(slam, minlength=edges).astype(np.int64)
+    maps = np.bincount(fuse, minlength=edges).astype(np.int64)
+    linked = np.zeros((edges, edges), dtype=np.int64)
+    np.add.at(linked, (slam, fuse), 1)
+    order = np.argsort(fuse, kind="stable")
+    place = np.empty(robots, dtype=np.int64)
+    place[order] = np.arange(robots) - np.repeat(np.cumsum(maps) - maps, maps)
+    member = np.full((edges, robots), -1, dtype=np.int64)
+    member[fuse, place] = np.arange(robots)
     return Plan(
         slam=np.array(slam, dtype=np.int64),
         fuse=np.array(fuse, dtype=np.int64),
-        running=np.bincount(slam, minlength=edges).astype(np.int64),
-        maps=np.bincount(fuse, minlength=edges).astype(np.int64),
+        running=running,
+        maps=maps,
         covered=(cover > 0).sum(axis=1).astype(np.int64),
         cover=cover,
+        crowd=np.maximum(1.0, running / stages.cores) / stages.speed,
+        linked=linked,
+        member=member,
+        place=place,
     )
 
 
@@ -108,40 +129,65 @@ def ready(stages, plan, v):  # type: ignore[no-untyped-def]
     """When robot v's map is at the edge that fuses it."""
     at = plan.slam[v]
     to = plan.fuse[v]
-    crowd = max(1.0, plan.running[at] / stages.cores[at])
-    carry = stages.carried[v] * stages.lag[at, to] * stages.fetched[v, to]
-    return stages.base[v, at] + stages.slam[v] * crowd / stages.speed[at] + carry
+    done = stages.base[v, at] + stages.slam[v] * plan.crowd[at]
+    return done if at == to else done + stages.carried[v] * stages.lag[at, to] * stages.fetched[v, to]
+
+
+@njit(cache=True)
+def arrival(stages, plan, edge):  # type: ignore[no-untyped-def]
+    """When this edge's map is at the cloud; 0 when it fuses nothing."""
+    k = plan.maps[edge]
+    if k == 0:
+        return 0.0
+    slams, crowd, member, base, work = plan.slam, plan.crowd, plan.member, stages.base, stages.slam
+    last = 0.0
+    for place in range(k):  # as `ready`, without its calls
+        v = member[edge, place]
+        at = slams[v]
+        done = base[v, at] + work[v] * crowd[at]
+        if at != edge:
+            done += stages.carried[v] * stages.lag[at, edge] * stages.fetched[v, edge]
+        last = max(last, done)
+    area = plan.covered[edge] * stages.cell_m2
+    fuse = stages.fusion[0] * k + stages.fusion[1] * k * (k - 1) / 2 + stages.fusion[2] * area
+    return last + fuse / stages.speed[edge] + area * stages.upload[edge]
 
 
 @njit(cache=True)
 def evaluate(stages, plan, arrivals):  # type: ignore[no-untyped-def]
-    """(t_c, score); fills `arrivals` (E,): when each edge map is at the cloud. The search lowers the score."""
-    arrivals[:] = 0.0
-    for v in range(plan.slam.size):
-        arrivals[plan.fuse[v]] = max(arrivals[plan.fuse[v]], ready(stages, plan, v))
+    """(t_c, score); fills `arrivals` (E,). The search lowers the score."""
     used = 0
     latest = 0.0
     total = 0.0
-    for e in range(arrivals.size):
-        k = plan.maps[e]
-        if k > 0:
-            area = plan.covered[e] * stages.cell_m2
-            fuse = stages.fusion[0] * k + stages.fusion[1] * k * (k - 1) / 2 + stages.fusion[2] * area
-            arrivals[e] += fuse / stages.speed[e] + area * stages.upload[e]
-            used += 1
-            total += arrivals[e]
-            latest = max(latest, arrivals[e])
+    for edge in range(arrivals.size):
+        time = arrival(stages, plan, edge)
+        arrivals[edge] = time
+        used += time > 0.0
+        total += time
+        latest = max(latest, time)
     finish = latest + stages.merge[used]
     return finish, finish + EVENNESS * total / max(used, 1)
 
 
 @njit(cache=True)
-def set_edges(plan, v, slam, fuse):  # type: ignore[no-untyped-def]
+def set_edges(stages, plan, v, slam, fuse):  # type: ignore[no-untyped-def]
     """Send robot v elsewhere; the coverage is left to the caller."""
-    plan.running[plan.slam[v]] -= 1
-    plan.running[slam] += 1
-    plan.maps[plan.fuse[v]] -= 1
-    plan.maps[fuse] += 1
+    a, b = plan.slam[v], plan.fuse[v]
+    plan.linked[a, b] -= 1
+    plan.linked[slam, fuse] += 1
+    if a != slam:
+        plan.running[a] -= 1
+        plan.running[slam] += 1
+        plan.crowd[a] = max(1.0, plan.running[a] / stages.cores[a]) / stages.speed[a]
+        plan.crowd[slam] = max(1.0, plan.running[slam] / stages.cores[slam]) / stages.speed[slam]
+    if b != fuse:
+        plan.maps[b] -= 1
+        last = plan.member[b, plan.maps[b]]
+        plan.member[b, plan.place[v]] = last
+        plan.place[last] = plan.place[v]
+        plan.member[fuse, plan.maps[fuse]] = v
+        plan.place[v] = plan.maps[fuse]
+        plan.maps[fuse] += 1
     plan.slam[v] = slam
     plan.fuse[v] = fuse
 
@@ -150,7 +196,7 @@ def set_edges(plan, v, slam, fuse):  # type: ignore[no-untyped-def]
 def relocate(stages, plan, v, slam, fuse):  # type: ignore[no-untyped-def]
     """Send robot v elsewhere, coverage and all."""
     old = plan.fuse[v]
-    set_edges(plan, v, slam, fuse)
+    set_edges(stages, plan, v, slam, fuse)
     if old == fuse:
         return
     for at in range(stages.first[v], stages.first[v + 1]):
@@ -177,19 +223,3 @@ def cells_new(stages, plan, v, edge):  # type: ignore[no-untyped-def]
     for at in range(stages.first[v], stages.first[v + 1]):
         count += plan.cover[edge, stages.cells[at]] == 0
     return count
-
-
-@njit(cache=True)
-def cells_swapped(stages, plan, mark, u, v):  # type: ignore[no-untyped-def]
-    """How many cells v brings to u's edge map without u, and how many v's edge map loses with v that u does not have.
-
-    `mark[cell] == u` for the cells of u.
-    """
-    brought = 0
-    lost = 0
-    for at in range(stages.first[v], stages.first[v + 1]):
-        cell = stages.cells[at]
-        shared = mark[cell] == u
-        brought += plan.cover[plan.fuse[u], cell] - shared == 0
-        lost += plan.cover[plan.fuse[v], cell] == 1 and not shared
-    return brought, lost

@@ -16,18 +16,22 @@ from services.scheduler.completion import (
     Stages,
     cells_alone,
     cells_new,
-    cells_swapped,
     evaluate,
     plan_of,
-    ready,
     relocate,
-    set_edges,
 )
 from services.scheduler.costs import Ints
+from services.scheduler.moves import best_move
+from services.scheduler.swaps import best_swap, latest_two
 
 STEP_WORK = 200_000
 """robots x robots x edges of work between two looks at the clock"""
 KICK = 3
+ROUND = 30
+"""kicks of the first round of a tournament"""
+PATIENCE = 100
+TOLERANCE = 0.02
+"""kicks in vain before they take a robot more"""
 LEAST = 1e-9
 """seconds; smaller gains are rounding"""
 
@@ -49,23 +53,45 @@ def descend(stages: Stages, slam: Ints, fuse: Ints, spent: Callable[[], float]) 
 def kicked_search(
     stages: Stages, start: Found, kicks: int, rng: np.random.Generator, spent: Callable[[], float]
 ) -> Found:
-    """Iterated local search: a few random changes, a descent, back to the best if it was no better."""
+    """Iterated local search: a few random changes, a descent, back to the best if it was no better.
+
+    Kicks grow, from KICK robots to a third of them and over again, as long as nothing better is found.
+    """
     best = start
     plan = plan_of(stages, best.slam, best.fuse)
     _, best_score = evaluate(stages, plan, np.empty(stages.speed.size))
+    base, base_score, idle = best, best_score, 0
     for _ in range(kicks):
         if spent() >= 1 or best.slam.size < 2 or stages.speed.size < 2:
             break
         _kick(stages, plan, rng)
         total, score = _to_optimum(stages, plan, spent)
+        idle += 1
         if score < best_score - LEAST:
-            best_score = score
-            if total <= best.total:
-                best = Found(plan.slam.copy(), plan.fuse.copy(), total)
-        else:
-            for v in np.flatnonzero((plan.slam != best.slam) | (plan.fuse != best.fuse)):
-                relocate(stages, plan, v, best.slam[v], best.fuse[v])
+            best_score, idle = score, 0
+            best = Found(plan.slam.copy(), plan.fuse.copy(), total)
+        if score < base_score * (1.0 + TOLERANCE):
+            base, base_score = Found(plan.slam.copy(), plan.fuse.copy(), total), score
+        elif idle % PATIENCE == 0:
+            base, base_score = best, best_score
+        for v in np.flatnonzero((plan.slam != base.slam) | (plan.fuse != base.fuse)):
+            relocate(stages, plan, v, base.slam[v], base.fuse[v])
     return best
+
+
+def tournament(
+    stages: Stages, starts: list[Found], kicks: int, rng: np.random.Generator, spent: Callable[[], float]
+) -> Found:
+    """The best of several local optima after a kicked search from each; the better half goes on, for twice as long.
+
+    Which of them leads to the best is not to be seen from where they stand. `kicks` are those of the last one.
+    """
+    pool = sorted(starts, key=lambda found: found.total)
+    turn = ROUND
+    while len(pool) > 1 and spent() < 1:
+        pool = sorted((kicked_search(stages, each, turn, rng, spent) for each in pool), key=lambda found: found.total)
+        pool, turn = pool[: (len(pool) + 1) // 2], 2 * turn
+    return kicked_search(stages, pool[0], kicks, rng, spent)
 
 
 def _to_optimum(stages: Stages, plan: Plan, spent: Callable[[], float]) -> tuple[float, float]:
@@ -90,8 +116,7 @@ def _steps(stages, plan, limit):  # type: ignore[no-untyped-def]
     mark = np.full(plan.cover.shape[1], -1, dtype=np.int64)
     total, score = evaluate(stages, plan, arrivals)
     for _ in range(limit):
-        hot = np.argmax(arrivals)
-        best_score, u, v, slam, fuse = _best_change(stages, plan, hot, mark, score)
+        best_score, u, v, slam, fuse = _best_change(stages, plan, arrivals, mark, score)
         if u < 0 or best_score >= score - LEAST:
             return total, score, True
         if v >= 0:
@@ -103,25 +128,12 @@ def _steps(stages, plan, limit):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _crowded(stages, plan, hot):  # type: ignore[no-untyped-def]
-    """The SLAM edge of the robot that the hot edge waits for."""
-    last = -1
-    latest = -1.0
-    for v in range(plan.slam.size):
-        if plan.fuse[v] == hot:
-            at = ready(stages, plan, v)
-            if at > latest:
-                latest = at
-                last = v
-    return plan.slam[last] if last >= 0 else hot
-
-
-@njit(cache=True)
-def _best_change(stages, plan, hot, mark, score):  # type: ignore[no-untyped-def]
+def _best_change(stages, plan, arrivals, mark, score):  # type: ignore[no-untyped-def]
     """(score, u, v, slam, fuse): robot u swaps with v, or with v = -1 goes to these edges; u = -1 for none."""
-    scratch = np.zeros(stages.speed.size)
     best = (score, -1, -1, -1, -1)
-    crowded = _crowded(stages, plan, hot)
+    hot = np.argmax(arrivals)
+    latest, owner = latest_two(stages, plan)
+    crowded = plan.slam[owner[hot]] if owner[hot] >= 0 else hot
     for u in range(plan.slam.size):
         if plan.fuse[u] != hot and plan.slam[u] != crowded:
             continue
@@ -132,55 +144,11 @@ def _best_change(stages, plan, hot, mark, score):  # type: ignore[no-untyped-def
             if not stages.reachable[u, edge]:
                 continue
             added = alone if edge == plan.fuse[u] else cells_new(stages, plan, u, edge)
-            best = _try_moves(stages, plan, u, edge, alone, added, scratch, best)
-            for v in range(plan.slam.size):
-                if plan.fuse[v] == edge and edge != plan.fuse[u] and _may_swap(stages, plan, u, v):
-                    best = _try_swap(stages, plan, u, v, alone, added, mark, scratch, best)
-    return best
-
-
-@njit(cache=True)
-def _may_swap(stages, plan, u, v):  # type: ignore[no-untyped-def]
-    return stages.reachable[u, plan.slam[v]] and stages.reachable[v, plan.slam[u]] and stages.reachable[v, plan.fuse[u]]
-
-
-@njit(cache=True)
-def _try_moves(stages, plan, u, edge, alone, added, scratch, best):  # type: ignore[no-untyped-def]
-    """Robot u's SLAM, its map, or both to `edge`."""
-    slam = plan.slam[u]
-    fuse = plan.fuse[u]
-    for kind in range(3):
-        to_slam = slam if kind == 1 else edge
-        to_fuse = fuse if kind == 2 else edge
-        if to_slam == slam and to_fuse == fuse:
-            continue
-        plan.covered[fuse] -= alone
-        plan.covered[to_fuse] += added if to_fuse != fuse else alone
-        set_edges(plan, u, to_slam, to_fuse)
-        _, score = evaluate(stages, plan, scratch)
-        set_edges(plan, u, slam, fuse)
-        plan.covered[to_fuse] -= added if to_fuse != fuse else alone
-        plan.covered[fuse] += alone
-        if score < best[0]:
-            best = (score, u, -1, to_slam, to_fuse)
-    return best
-
-
-@njit(cache=True)
-def _try_swap(stages, plan, u, v, alone, added, mark, scratch, best):  # type: ignore[no-untyped-def]
-    """Exchange the edges of u and v, whose maps are fused on different edges."""
-    a_slam, a_fuse = plan.slam[u], plan.fuse[u]
-    b_slam, b_fuse = plan.slam[v], plan.fuse[v]
-    brought, lost = cells_swapped(stages, plan, mark, u, v)
-    plan.covered[a_fuse] += brought - alone
-    plan.covered[b_fuse] += added - lost
-    set_edges(plan, u, b_slam, b_fuse)
-    set_edges(plan, v, a_slam, a_fuse)
-    _, score = evaluate(stages, plan, scratch)
-    set_edges(plan, u, a_slam, a_fuse)
-    set_edges(plan, v, b_slam, b_fuse)
-    plan.covered[a_fuse] -= brought - alone
-    plan.covered[b_fuse] -= added - lost
-    if score < best[0]:
-        best = (score, u, v, -1, -1)
+            moved, slam, fuse = best_move(stages, plan, u, edge, alone, added, arrivals, best[0])
+            if slam >= 0:
+                best = (moved, u, -1, slam, fuse)
+            if edge != plan.fuse[u]:
+                swapped, v = best_swap(stages, plan, u, edge, alone, added, mark, arrivals, latest, owner, best[0])
+                if v >= 0:
+                    best = (swapped, u, v, -1, -1)
     return best

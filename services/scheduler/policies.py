@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from services.scheduler.costs import Floats, Ints, Prediction, Problem, predict
 from services.scheduler.cut import least_cut
 from services.scheduler.graph import Groups, cut, quantise
 from services.scheduler.grouping import balanced_grouping
-from services.scheduler.local_search import Found, descend, kicked_search
+from services.scheduler.local_search import Found, descend, tournament
 from services.scheduler.placement import edge_offloading
 from services.scheduler.starts import placed, sized_groups
 from services.scheduler.tabu import TabuMode
@@ -62,8 +62,10 @@ class Choice:
     alternative: str = ""
 
 
-KICKS = 300
-START_SHARE = 0.5
+KICKS = 1000
+POOL = 8
+"""starts in all; random ones fill up"""
+START_SHARE = 0.2
 """of the budget, after which no further start is descended from"""
 
 Policy = Callable[[Problem, Settings], Choice]
@@ -180,14 +182,16 @@ def cut_policy(problem: Problem, settings: Settings) -> Choice:
 
 def recslam_policy(problem: Problem, settings: Settings) -> Choice:
     """The least predicted t_c: local search from several starts, one of them the paper's plan, none worse than it."""
+    if not problem.robots:
+        return static_policy(problem, settings)
     weights, rng = quantise(problem.weights), np.random.default_rng(settings.seed)
     groups = balanced_grouping(weights, len(problem.edges), settings.kappa, settings.tau)
-    edges = {
+    groupings = {
         "paper": edge_offloading(paper_latencies(problem, weights, groups))[groups],
         "paper's groups, best placed": placed(problem, groups),
         "groups sized by edge": sized_groups(problem, weights, rng),
     }
-    starts = {name: together(problem, edge, "") for name, edge in edges.items()}
+    starts = {name: together(problem, edges, "") for name, edges in groupings.items()}
     starts["as it is"] = static_policy(problem, settings)
     times = {name: predict(problem, start.slam, start.fuse).total for name, start in starts.items()}
     stages = stages_of(problem)
@@ -196,19 +200,22 @@ def recslam_policy(problem: Problem, settings: Settings) -> Choice:
         if found and settings.spent() >= START_SHARE:
             break
         found[name] = descend(stages, starts[name].slam, starts[name].fuse, settings.spent)
-    first = min(found, key=lambda name: found[name].total)
-    best = kicked_search(stages, found[first], KICKS, rng, settings.spent)
-    return _verdict(problem, best, first, times, starts)
+    pool = list(found.values())
+    while len(pool) < POOL and settings.spent() < START_SHARE:
+        edges = random_balanced_policy(problem, replace(settings, seed=settings.seed + len(pool))).fuse
+        pool.append(descend(stages, edges, edges, settings.spent))
+    best = tournament(stages, pool, KICKS, rng, settings.spent)
+    return _verdict(problem, best, times, starts)
 
 
-def _verdict(problem: Problem, best: Found, first: str, times: dict[str, float], starts: dict[str, Choice]) -> Choice:
+def _verdict(problem: Problem, best: Found, times: dict[str, float], starts: dict[str, Choice]) -> Choice:
     """The search's result, unless a start is better by the letter of the prediction."""
     total = predict(problem, best.slam, best.fuse).total
     name = min(times, key=times.__getitem__)
     others = ", ".join(f"{each} {seconds:.3f} s" for each, seconds in sorted(times.items(), key=lambda item: item[1]))
     if times[name] <= total:
         return Choice(starts[name].slam, starts[name].fuse, f"nothing better than {name!r} was found", others)
-    return Choice(best.slam, best.fuse, f"least predicted completion time, searched from {first!r}", others)
+    return Choice(best.slam, best.fuse, "least predicted completion time found", others)
 
 
 POLICIES: dict[str, Policy] = {

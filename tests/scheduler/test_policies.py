@@ -9,7 +9,7 @@ from scheduling_problems import problem
 from common.errors import ConfigError, UsageError
 from services.scheduler.policies import POLICIES, plan
 
-SETTINGS = {"budget_s": 0.2, "kappa": 100, "tau": 10}
+SETTINGS = {"budget_s": 0.05, "kappa": 100, "tau": 10}
 
 
 @pytest.mark.parametrize("policy", POLICIES)

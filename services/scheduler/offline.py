@@ -1,0 +1,130 @@
+"""Group robots by an overlap matrix from a file, without a cluster: what `recslam plan --matrix` does."""
+
+from __future__ import annotations
+
+import time
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from common.errors import BadFile, UsageError
+from services.scheduler.costs import Problem
+from services.scheduler.graph import Weights, quantise
+from services.scheduler.policies import plan
+
+
+@dataclass(frozen=True)
+class OfflinePlan:
+    """Groups of robot indices, one group an edge."""
+
+    policy: str
+    groups: tuple[tuple[int, ...], ...]
+    cut: float
+    """Eq. 5: sum of overlaps across groups, each pair once"""
+    seconds: float
+    """time to make the plan; the first of a process may hold compilation"""
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "policy": self.policy,
+            "groups": [list(group) for group in self.groups],
+            "sizes": [len(group) for group in self.groups],
+            "cut": self.cut,
+            "seconds": self.seconds,
+        }
+
+
+def plan_matrix(
+    path: Path,
+    edges: int,
+    policy: str,
+    budget_s: float,
+    *,
+    kappa: int = 100,
+    tau: int = 10,
+    seed: int = 0,
+    clock: Callable[[], float] = time.perf_counter,
+) -> OfflinePlan:
+    """Group the robots of a matrix file into `edges` groups by this policy; edges and robots are alike otherwise.
+
+    Raises BadFile for a file that holds no overlap matrix, UsageError for edges < 1, ConfigError for an unknown policy.
+    """
+    if edges < 1:
+        raise UsageError(f"edges: {edges} given; at least 1 is needed to group for")
+    problem = uniform_problem(read_matrix(path), edges)
+    assignment = plan(problem, policy, budget_s=budget_s, kappa=kappa, tau=tau, seed=seed, clock=clock)
+    groups = tuple(tuple(np.flatnonzero(assignment.fuse == edge).tolist()) for edge in range(edges))
+    return OfflinePlan(policy, groups, assignment.cut, assignment.seconds)
+
+
+def read_matrix(path: Path) -> Weights:
+    """The overlap matrix of an npz file (array `weights`) or of a csv file (one row a line).
+
+    Raises BadFile naming the file and what is wrong.
+    """
+    try:
+        if path.suffix == ".npz":
+            with np.load(path, allow_pickle=False) as arrays:
+                matrix = arrays["weights"]
+        elif path.suffix == ".csv":
+            matrix = np.loadtxt(path, delimiter=",", ndmin=2)
+        else:
+            raise BadFile(f"{path}: an overlap matrix is read from .npz (array 'weights') or .csv")
+        return quantise(matrix)
+    except KeyError:
+        raise BadFile(f"{path}: holds no array 'weights'; save it with np.savez(path, weights=matrix)") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise BadFile(f"{path}: {error}") from error
+    except UsageError as error:
+        raise error if isinstance(error, BadFile) else BadFile(f"{path}: {error}") from error
+
+
+def uniform_problem(weights: Weights, edges: int) -> Problem:
+    """Robots and edges that differ in nothing but overlaps.
+
+    With no footprints, each robot map is given AREA cells of its own, of which it shares those that `weights` say with
+    each neighbour, as far as they go: areas then follow overlaps, though not exactly where three maps meet.
+    """
+    robots = len(weights)
+    return Problem(
+        robots=tuple(f"r{index}" for index in range(robots)),
+        edges=tuple(f"e{index}" for index in range(edges)),
+        weights=weights,
+        footprints=shared_footprints(weights),
+        reachable=np.ones((robots, edges), dtype=bool),
+        robot_bandwidth=np.full((robots, edges), 5e6),
+        edge_bandwidth=np.full(edges, 1e6),
+        speed=np.ones(edges),
+        cores=np.full(edges, 4),
+        frame_bytes=np.full(robots, 1e6),
+        slam_s=np.full(robots, 0.15),
+        pack_s=np.full(robots, 0.05),
+        current_slam=np.full(robots, -1),
+        current_fuse=np.full(robots, -1),
+        move_cost=np.zeros(robots),
+    )
+
+
+AREA = 100
+
+
+def shared_footprints(weights: Weights) -> tuple[np.ndarray, ...]:
+    """Per robot AREA cell ids, of which robots u < v share about 2 AREA w(u, v) while both have cells left."""
+    cells: list[list[int]] = [[] for _ in range(len(weights))]
+    fresh = 0
+    rows, columns = np.nonzero(np.triu(weights))
+    for at in np.argsort(-weights[rows, columns], kind="stable"):
+        u, v = cells[rows[at]], cells[columns[at]]
+        shared = min(round(2 * AREA * weights[rows[at], columns[at]]), AREA - len(u), AREA - len(v))
+        u.extend(range(fresh, fresh + shared))
+        v.extend(range(fresh, fresh + shared))
+        fresh += max(shared, 0)
+    for own in cells:
+        missing = AREA - len(own)
+        own.extend(range(fresh, fresh + missing))
+        fresh += missing
+    return tuple(np.array(own, dtype=np.int64) for own in cells)
