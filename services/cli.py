@@ -7,6 +7,7 @@ Exit codes: 0 done, 1 a fault of ours (or a service of the cluster died), 2 some
 from __future__ import annotations
 
 import asyncio
+import io
 import os
 import sys
 from collections.abc import Callable, Coroutine
@@ -212,6 +213,8 @@ def router(
 
 
 def main() -> None:
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)  # who reads it through a pipe reads it in time
     app(prog_name="recslam")
 
 

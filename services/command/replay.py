@@ -23,8 +23,7 @@ def from_log(log: Path, robots: int, edges: int) -> Fleet:
 
     if not log.is_file():
         raise BadFile(f"{log}: no such file; give a CARMEN log, or the folder of a recorded run")
-    if next(iter(CarmenLog(log)), None) is None:
-        raise BadFile(f"{log}: holds no laser scan; is it a CARMEN log?")
+    CarmenLog(log)  # refuses what is none, before anything is started
     path = log.resolve()
     entries = tuple(
         RobotEntry(id=f"r{part + 1}", source=CarmenSource(path=path, part=part, parts=robots)) for part in range(robots)
