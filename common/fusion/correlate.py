@@ -19,10 +19,8 @@ from common.fusion.settings import FusionSettings
 from common.fusion.walls import ORIENTATION_BINS
 from common.geometry.se2 import wrap
 
-SMOOTH_BINS = 3.0
-"""blur of the orientation histograms: 1.5 degrees"""
-APART_BINS = 8
-"""candidate rotations closer than 4 degrees are one"""
+SMOOTH_BINS = 2.0
+"""blur of the orientation histograms: 1 degree"""
 
 Raster = NDArray[np.float32]
 
@@ -52,17 +50,14 @@ def candidate_rotations(a: NDArray[np.float64], b: NDArray[np.float64], count: i
     """Angles (rad) that bring b's wall orientations onto a's, best first, each followed by its opposite."""
     spectrum = np.fft.rfft(_smooth(a)) * np.fft.rfft(_smooth(b)).conj()
     likeness = np.fft.irfft(spectrum, ORIENTATION_BINS)
+    before, after = np.roll(likeness, 1), np.roll(likeness, -1)
+    tops = np.flatnonzero((likeness >= before) & (likeness > after))
     angles: list[float] = []
-    for _ in range(count):
-        best = int(np.argmax(likeness))
-        if not np.isfinite(likeness[best]):
-            break
-        left, mid, right = (likeness[(best + k) % ORIENTATION_BINS] for k in (-1, 0, 1))
-        curve = left - 2 * mid + right
-        offset = 0.5 * (left - right) / curve if np.isfinite(curve) and curve < 0 else 0.0
-        angle = (best + offset) * (math.pi / ORIENTATION_BINS)
+    for top in tops[np.argsort(-likeness[tops], kind="stable")][:count]:
+        curve = before[top] - 2 * likeness[top] + after[top]
+        offset = 0.5 * (before[top] - after[top]) / curve if curve < 0 else 0.0
+        angle = float(top + offset) * (math.pi / ORIENTATION_BINS)
         angles += [angle, angle + math.pi]
-        likeness[np.arange(best - APART_BINS, best + APART_BINS + 1) % ORIENTATION_BINS] = -np.inf
     return angles
 
 

@@ -13,7 +13,7 @@ from common.fusion.correlate import propose_by_correlation
 from common.fusion.evidence import AGREES, CONTRADICTS, Evidence, classify, weigh
 from common.fusion.features import propose_by_features
 from common.fusion.matchmap import MatchMap
-from common.fusion.refine import refine
+from common.fusion.refine import SIGMA_M, SPACING_M, refine
 from common.fusion.settings import FusionSettings
 from common.fusion.walls import Walls
 from common.geometry.se2 import wrap
@@ -22,6 +22,9 @@ QUICK_SAMPLES = 300
 QUICK_STEPS = 7
 APART_M, APART_RAD = 0.5, math.radians(5)
 """hypotheses nearer than both of these are one"""
+NUDGES_M = (-0.6, -0.3, 0.3, 0.6)
+"""from where refinement is tried again: it may have stopped short along a corridor"""
+SLIDES_M = (-3.0, -2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 3.0)
 CONFLICT_PRICE = 6.0
 """metres of agreeing wall that a metre of contradiction outweighs"""
 
@@ -38,6 +41,16 @@ class Hypothesis(NamedTuple):
         """Metres of agreeing wall less what contradictions cost."""
         return self.evidence.agreeing_m - CONFLICT_PRICE * self.evidence.conflicting_m
 
+    @property
+    def grip_m(self) -> float:
+        """Metres of wall that stand across the direction in which the placement is held least."""
+        return float(np.linalg.eigvalsh(self.information[:2, :2])[0]) * SIGMA_M**2 * SPACING_M
+
+    def slid(self, distance_m: float) -> NDArray[np.float64]:
+        """The pose moved by so much in the direction in which it is held least."""
+        _, directions = np.linalg.eigh(self.information[:2, :2])
+        return self.pose + distance_m * np.array([*directions[:, 0], 0.0])
+
 
 def search(
     a: MatchMap, b: MatchMap, settings: FusionSettings, seed: int, priors: Iterable[NDArray[np.float64]] = ()
@@ -52,8 +65,21 @@ def search(
     rough.sort(key=lambda result: -_promise(a, quick, result.pose, settings))
     middle = b.walls.points.mean(axis=0)
     first = distinct(np.array([result.pose for result in rough]).reshape(-1, 3), middle)[: settings.refined]
-    hypotheses = sorted((judge(a, b, rough[k].pose, settings) for k in first), key=lambda one: -one.score)
+    hypotheses = [judge(a, b, rough[k].pose, settings) for k in first]
+    if hypotheses:
+        best = max(hypotheses, key=lambda one: one.score)
+        hypotheses += [judge(a, b, best.slid(distance), settings) for distance in NUDGES_M]
+    hypotheses.sort(key=lambda one: -one.score)
     return [hypotheses[k] for k in distinct(np.array([one.pose for one in hypotheses]).reshape(-1, 3), middle)]
+
+
+def slides(a: MatchMap, b: MatchMap, best: Hypothesis, settings: FusionSettings) -> list[Hypothesis]:
+    """Rivals of a placement that refinement would pull back to it: itself, moved along its weakest direction.
+
+    In a bare corridor they are nearly as good as it, although no other peak of the search says so.
+    """
+    poses = (best.slid(distance) for distance in SLIDES_M)
+    return [Hypothesis(pose, best.information, weigh(a, b, pose, settings)) for pose in poses]
 
 
 def judge(a: MatchMap, b: MatchMap, pose: NDArray[np.float64], settings: FusionSettings) -> Hypothesis:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from common.errors import Unmergeable
 from common.fusion.decide import decide, judge_alone, runner_up
-from common.fusion.hypotheses import Hypothesis, judge, search
+from common.fusion.hypotheses import Hypothesis, judge, search, slides
 from common.fusion.matchmap import MatchMap
 from common.fusion.settings import FusionSettings
 from common.geometry.se2 import Pose
@@ -73,6 +73,8 @@ def match(
         return refusal
     priors = [] if prior is None else [np.asarray(prior, np.float64)]
     hypotheses = search(a, b, settings, seed, priors)
+    if hypotheses and judge_alone(hypotheses[0], settings)[0] == "merged":
+        hypotheses += slides(a, b, hypotheses[0], settings)
     kind, reason = decide(hypotheses, settings)
     return _result(kind, reason, hypotheses, a, b)
 

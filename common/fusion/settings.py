@@ -44,20 +44,18 @@ class FusionSettings(BaseModel):
     # decide
     min_walls_m: Positive = 6.0
     """a map with less wall is not compared"""
-    min_overlap_m2: Positive = 6.0
+    min_overlap_m2: Positive = 10.0
     """area known to both that a merge must rest on"""
-    min_agreeing_m: Positive = 8.0
-    """length of agreeing wall that a merge must rest on"""
-    min_agreement: Share = 0.7
-    """share of walls in the overlap that must agree"""
-    max_conflict: Share = 0.1
-    """share of walls in the overlap that may contradict"""
+    min_score_m: Positive = 10.0
+    """score (metres of agreeing wall less what contradictions cost) that a merge must have"""
+    min_quality: Share = 0.62
+    """score over metres of wall in the overlap that a merge must have"""
     max_blob_m: Positive = 1.5
     """longest coherent contradiction that a merge may have"""
-    max_runner_up: Share = 0.8
+    max_runner_up: Share = 0.75
     """score of a distinct other hypothesis over the best, from which on a place counts as ambiguous"""
-    max_sigma_m: Positive = 0.1
-    """standard deviation of the transform's weakest direction from which on it counts as ambiguous"""
+    min_grip_m: Positive = 1.0
+    """metres of wall across the transform's weakest direction, below which it counts as ambiguous"""
 
     # solve
     max_cycle_m: Positive = 0.5
