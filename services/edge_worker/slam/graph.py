@@ -27,11 +27,11 @@ from services.edge_worker.slam.scan import Scan, ScanReader, unslipped
 from services.edge_worker.slam.tracker import Match, Tracker
 from services.edge_worker.slam.trajectory import Trajectory
 
-OPTIMISE_EVERY = 8
+OPTIMISE_EVERY = 10
 """loops between optimisations, if none moves much"""
-MOVES_M, MOVES_RAD = 0.05, 0.01
+MOVES_M, MOVES_RAD = 0.1, 0.02
 """a loop that moves its keyframe further is worked in at once"""
-ITERATIONS = 3
+ITERATIONS = 2
 FINAL_ITERATIONS = 15
 LOST_SHARE = 5.0
 """keyframe distances that dead reckoning bridges before a scan without a match becomes a keyframe"""
@@ -123,7 +123,7 @@ class GraphSlam:
         if not self.keyframes or not self.pending:
             return
         relative = between(self.graph.poses[-1], self.pose)
-        self.graph.optimise(iterations)
+        self.graph.optimise(iterations, self.pending)
         self.pose = compose(self.graph.poses[-1], relative)
         self.tracker.rebuild(self.keyframes, self.graph.poses)
         self.closer.reshape(self.graph)

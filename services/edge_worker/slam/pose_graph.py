@@ -15,7 +15,7 @@ from scipy.sparse.linalg import splu
 ROBUST_CHI2 = 6.0
 """squared error, in standard deviations, up to which a loop edge counts in full"""
 ANNEALING = 10.0
-"""factor by which that limit falls to `ROBUST_CHI2` from the worst edge's error: good loops first pull their way in"""
+"""factor by which that limit falls to `ROBUST_CHI2` from the worst new loop's error"""
 CONVERGED = 5e-4
 """m or rad; smaller steps end the optimisation"""
 MAX_ITERATIONS = 40
@@ -49,13 +49,16 @@ class PoseGraph:
         self.information = np.concatenate([self.information, information[None]])
         self.loops = np.append(self.loops, np.uint8(loop))
 
-    def optimise(self, iterations: int) -> float:
-        """Correct the poses, `iterations` times at the final limit of robustness; returns the largest shift in m."""
+    def optimise(self, iterations: int, fresh: int) -> float:
+        """Correct the poses, `iterations` times at the final limit of robustness; returns the largest shift in m.
+
+        The latest `fresh` loop edges are new: robustness gives way to them first, as they may have far to pull.
+        """
         if len(self.poses) < 2 or not self.loops.any():
             return 0.0
         before = self.poses.copy()
         system = _System(self.pairs, len(self.poses))
-        limit = max(ROBUST_CHI2, float(self.chi2()[self.loops == 1].max()))
+        limit = max(ROBUST_CHI2, float(self.chi2()[self.loops == 1][-fresh:].max()))
         for _ in range(MAX_ITERATIONS):
             blocks, gradient = linearise(self.poses, self.pairs, self.measured, self.information, self.loops, limit)
             step = system.solve(blocks, gradient)
