@@ -23,7 +23,8 @@ def decide(hypotheses: list[Hypothesis], settings: FusionSettings) -> tuple[Verd
     if kind != "merged":
         return kind, reason
     ratio = runner_up(hypotheses)
-    if ratio > settings.max_runner_up:
+    clear = best.score * (1 - ratio) >= settings.clear_lead_m
+    if ratio > (settings.max_runner_up_ever if clear else settings.max_runner_up):
         return "ambiguous", f"another placement scores {ratio:.0%} of the best: the place looks alike in two ways"
     if best.grip_m < settings.min_grip_m:
         return "ambiguous", f"only {best.grip_m:.1f} m of wall keep one map from sliding along the other"

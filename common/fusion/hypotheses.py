@@ -13,7 +13,7 @@ from common.fusion.correlate import propose_by_correlation
 from common.fusion.evidence import AGREES, CONTRADICTS, Evidence, classify, weigh
 from common.fusion.features import propose_by_features
 from common.fusion.matchmap import MatchMap
-from common.fusion.refine import SIGMA_M, SPACING_M, refine
+from common.fusion.refine import FINAL_REACH_M, SIGMA_M, SPACING_M, refine
 from common.fusion.settings import FusionSettings
 from common.fusion.walls import Walls
 from common.geometry.se2 import wrap
@@ -69,7 +69,8 @@ def search(
     if hypotheses:
         best = max(hypotheses, key=lambda one: one.score)
         hypotheses += [judge(a, b, best.slid(distance), settings) for distance in NUDGES_M]
-    hypotheses.sort(key=lambda one: -one.score)
+        hypotheses.sort(key=lambda one: -one.score)
+        hypotheses[0] = judge(a, b, hypotheses[0].pose, settings, FINAL_REACH_M)
     return [hypotheses[k] for k in distinct(np.array([one.pose for one in hypotheses]).reshape(-1, 3), middle)]
 
 
@@ -82,9 +83,11 @@ def slides(a: MatchMap, b: MatchMap, best: Hypothesis, settings: FusionSettings)
     return [Hypothesis(pose, best.information, weigh(a, b, pose, settings)) for pose in poses]
 
 
-def judge(a: MatchMap, b: MatchMap, pose: NDArray[np.float64], settings: FusionSettings) -> Hypothesis:
+def judge(
+    a: MatchMap, b: MatchMap, pose: NDArray[np.float64], settings: FusionSettings, reach_m: float = 0.25
+) -> Hypothesis:
     """The hypothesis near `pose`, refined to the end and weighed."""
-    result = refine(a, b.sample, pose, settings.reach_m / 2, wall_m=b.wall_m)
+    result = refine(a, b.sample, pose, reach_m, wall_m=b.wall_m)
     return Hypothesis(result.pose, result.information, weigh(a, b, result.pose, settings))
 
 

@@ -53,7 +53,11 @@ class FusionSettings(BaseModel):
     max_blob_m: Positive = 1.5
     """longest coherent contradiction that a merge may have"""
     max_runner_up: Share = 0.75
-    """score of a distinct other hypothesis over the best, from which on a place counts as ambiguous"""
+    """score of a distinct other hypothesis over the best, from which on a place counts as ambiguous ..."""
+    clear_lead_m: Positive = 8.0
+    """... unless the best leads by so much, which needs large maps ..."""
+    max_runner_up_ever: Share = 0.9
+    """... and even then up to here"""
     min_grip_m: Positive = 1.0
     """metres of wall across the transform's weakest direction, below which it counts as ambiguous"""
 
