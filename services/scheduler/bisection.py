@@ -214,21 +214,26 @@ def _flip(starts, neighbours, weights, side, gain, v):  # type: ignore[no-untype
 
 
 @njit(cache=True)
-def _refine(starts, neighbours, weights, mass, side, target, slack, passes):  # type: ignore[no-untyped-def]
-    """Fiduccia-Mattheyses in place; returns (mass out of balance beyond `slack`, cut)."""
-    count = mass.size
-    gain = np.zeros(count)
+def _gains(starts, neighbours, weights, side):  # type: ignore[no-untyped-def]
+    """(V,) by how much each vertex would lower the cut on the other side, and the cut."""
+    gain = np.zeros(side.size)
     cut = 0.0
-    excess = -target
-    for v in range(count):
-        if side[v] == 0:
-            excess += mass[v]
+    for v in range(side.size):
         for edge in range(starts[v], starts[v + 1]):
             if side[neighbours[edge]] == side[v]:
                 gain[v] -= weights[edge]
             else:
                 gain[v] += weights[edge]
                 cut += weights[edge] / 2
+    return gain, cut
+
+
+@njit(cache=True)
+def _refine(starts, neighbours, weights, mass, side, target, slack, passes):  # type: ignore[no-untyped-def]
+    """Fiduccia-Mattheyses in place; returns (mass out of balance beyond `slack`, cut)."""
+    count = mass.size
+    gain, cut = _gains(starts, neighbours, weights, side)
+    excess = mass[side == 0].sum() - target
     reach = slack + mass.max()
     moves = np.empty(count, dtype=np.int64)
     for _ in range(passes):

@@ -13,51 +13,20 @@ def best_move(stages, plan, u, to, alone, added, arrivals, limit):  # type: igno
 
     `alone` cells of its edge map only u covers, `added` it would add to that of `to`.
     """
-    old_slam, old_fuse = plan.slam[u], plan.fuse[u]
-    slams, crowd, member, maps, running = plan.slam, plan.crowd, plan.member, plan.maps, plan.running
-    base, work, carried, lag, fetched = stages.base, stages.slam, stages.carried, stages.lag, stages.fetched
-    speed, upload, cores, linked, covered = stages.speed, stages.upload, stages.cores, plan.linked, plan.covered
-    per_map, per_pair, per_m2 = stages.fusion
+    a, b = plan.slam[u], plan.fuse[u]
     best_slam, best_fuse = -1, -1
     for kind in range(3):
-        slam = old_slam if kind == 1 else to
-        fuse = old_fuse if kind == 2 else to
-        if slam == old_slam and fuse == old_fuse:
+        slam = a if kind == 1 else to
+        fuse = b if kind == 2 else to
+        if slam == a and fuse == b:
             continue
-        emptier, fuller = crowd[old_slam], crowd[slam]
-        if slam != old_slam:
-            emptier = max(1.0, (running[old_slam] - 1) / cores[old_slam]) / speed[old_slam]
-            fuller = max(1.0, (running[slam] + 1) / cores[slam]) / speed[slam]
-        stretched = emptier != crowd[old_slam] or fuller != crowd[slam]
-        own = base[u, slam] + work[u] * fuller
-        if slam != fuse:
-            own += carried[u] * lag[slam, fuse] * fetched[u, fuse]
+        stretch_a, stretch = _stretches(plan.running, plan.crowd, stages.cores, stages.speed, a, slam)
+        crowded = stretch_a != plan.crowd[a] or stretch != plan.crowd[slam]
         latest, total, used = 0.0, 0.0, 0
         for edge in range(arrivals.size):
             time = arrivals[edge]
-            moved = edge in (old_fuse, fuse)
-            if moved or (stretched and (linked[old_slam, edge] > 0 or linked[slam, edge] > 0)):
-                last = own if edge == fuse else 0.0
-                for place in range(maps[edge]):
-                    v = member[edge, place]
-                    if v == u:
-                        continue
-                    at = slams[v]
-                    stretch = emptier if at == old_slam else fuller if at == slam else crowd[at]
-                    done = base[v, at] + work[v] * stretch
-                    if at != edge:
-                        done += carried[v] * lag[at, edge] * fetched[v, edge]
-                    last = max(last, done)
-                k, cells = maps[edge], covered[edge]
-                if old_fuse != fuse and edge == old_fuse:
-                    k, cells = k - 1, cells - alone
-                elif old_fuse != fuse and edge == fuse:
-                    k, cells = k + 1, cells + added
-                area = cells * stages.cell_m2
-                time = 0.0
-                if k > 0:
-                    fusing = per_map * k + per_pair * k * (k - 1) / 2 + per_m2 * area
-                    time = last + fusing / speed[edge] + area * upload[edge]
+            if edge in (b, fuse) or (crowded and (plan.linked[a, edge] > 0 or plan.linked[slam, edge] > 0)):
+                time = _arrival_after(stages, plan, edge, u, slam, fuse, alone, added, stretch_a, stretch)
             latest = max(latest, time)
             total += time
             used += time > 0.0
@@ -65,3 +34,41 @@ def best_move(stages, plan, u, to, alone, added, arrivals, limit):  # type: igno
         if score < limit:
             limit, best_slam, best_fuse = score, slam, fuse
     return limit, best_slam, best_fuse
+
+
+@njit(cache=True)
+def _stretches(running, crowd, cores, speed, old, new):  # type: ignore[no-untyped-def]
+    """By how much two edges stretch SLAM once one instance has gone from the one to the other."""
+    if old == new:
+        return crowd[old], crowd[new]
+    emptier = max(1.0, (running[old] - 1) / cores[old]) / speed[old]
+    fuller = max(1.0, (running[new] + 1) / cores[new]) / speed[new]
+    return emptier, fuller
+
+
+@njit(cache=True)
+def _arrival_after(stages, plan, edge, u, slam, fuse, alone, added, stretch_a, stretch):  # type: ignore[no-untyped-def]
+    """When this edge's map is at the cloud once robot u has gone to `slam` and `fuse`."""
+    a, k, cells = plan.slam[u], plan.maps[edge], plan.covered[edge]
+    last = 0.0
+    slams, crowd, member, base, work = plan.slam, plan.crowd, plan.member, stages.base, stages.slam
+    for place in range(k):
+        v = member[edge, place]
+        if v != u:
+            at = slams[v]
+            done = base[v, at] + work[v] * (stretch_a if at == a else stretch if at == slam else crowd[at])
+            if at != edge:
+                done += stages.carried[v] * stages.lag[at, edge] * stages.fetched[v, edge]
+            last = max(last, done)
+    if edge == fuse:
+        own = base[u, slam] + work[u] * stretch
+        if slam != fuse:
+            own += stages.carried[u] * stages.lag[slam, fuse] * stages.fetched[u, fuse]
+        last = max(last, own)
+    if plan.fuse[u] != fuse and edge in (plan.fuse[u], fuse):
+        k, cells = (k + 1, cells + added) if edge == fuse else (k - 1, cells - alone)
+    if k == 0:
+        return 0.0
+    area = cells * stages.cell_m2
+    fusing = stages.fusion[0] * k + stages.fusion[1] * k * (k - 1) / 2 + stages.fusion[2] * area
+    return last + fusing / stages.speed[edge] + area * stages.upload[edge]

@@ -45,54 +45,56 @@ def _others(arrivals, a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _edge_work(stages, plan, edge):  # type: ignore[no-untyped-def]
+    """(seconds of fusion by number of maps, seconds a cell of the edge map takes for fusion and upload)."""
+    k, speed = plan.maps[edge], stages.speed[edge]
+    fixed = (stages.fusion[0] * k + stages.fusion[1] * k * (k - 1) / 2) / speed
+    return fixed, (stages.fusion[2] / speed + stages.upload[edge]) * stages.cell_m2
+
+
+@njit(cache=True)
+def _cells_exchanged(own, mark, u, cover_a, cover_b):  # type: ignore[no-untyped-def]
+    """Cells that a robot brings to the map of edge a without u, and cells that edge b's loses that u does not have."""
+    brought = 0
+    lost = 0
+    for cell in own:
+        shared = mark[cell] == u
+        brought += cover_a[cell] - shared == 0
+        lost += cover_b[cell] == 1 and not shared
+    return brought, lost
+
+
+@njit(cache=True)
 def best_swap(stages, plan, u, b, alone, added, mark, arrivals, latest, owner, limit):  # type: ignore[no-untyped-def]
     """(score, v) of the best swap of u with a robot fused on edge b, if its score is below `limit`; else v = -1.
 
     `alone` cells of its edge map only u covers, `added` it would add to that of b; `mark[cell] == u` for its cells.
     """
     a, slam_u = plan.fuse[u], plan.slam[u]
-    slams, crowd, member, cover = plan.slam, plan.crowd, plan.member, plan.cover
-    base, work, carried, lag, fetched = stages.base, stages.slam, stages.carried, stages.lag, stages.fetched
-    first, cells, reachable, cell_m2 = stages.first, stages.cells, stages.reachable, stages.cell_m2
-    per_map, per_pair, per_m2 = stages.fusion
-    k_a, k_b = plan.maps[a], plan.maps[b]
-    fixed_a = (per_map * k_a + per_pair * k_a * (k_a - 1) / 2) / stages.speed[a]
-    fixed_b = (per_map * k_b + per_pair * k_b * (k_b - 1) / 2) / stages.speed[b]
-    slope_a = (per_m2 / stages.speed[a] + stages.upload[a]) * cell_m2
-    slope_b = (per_m2 / stages.speed[b] + stages.upload[b]) * cell_m2
+    base, work, crowd, carried, fetched = stages.base, stages.slam, plan.crowd, stages.carried, stages.fetched
+    first, cells, reachable, lag = stages.first, stages.cells, stages.reachable, stages.lag
+    fixed_a, slope_a = _edge_work(stages, plan, a)
+    fixed_b, slope_b = _edge_work(stages, plan, b)
     rest_a = latest[a, 1] if owner[a] == u else latest[a, 0]
     other_last, other_total, other_used = _others(arrivals, a, b)
-    used = other_used + 2
-    best = -1
-    for place in range(k_b):
-        v = member[b, place]
-        slam_v = slams[v]
+    used, best = other_used + 2, -1
+    for place in range(plan.maps[b]):
+        v = plan.member[b, place]
+        slam_v = plan.slam[v]
         if not (reachable[u, slam_v] and reachable[v, slam_u] and reachable[v, a]):
             continue
-        new_u = base[u, slam_v] + work[u] * crowd[slam_v]
-        if slam_v != b:
-            new_u += carried[u] * lag[slam_v, b] * fetched[u, b]
-        new_v = base[v, slam_u] + work[v] * crowd[slam_u]
-        if slam_u != a:
-            new_v += carried[v] * lag[slam_u, a] * fetched[v, a]
+        new_u = base[u, slam_v] + work[u] * crowd[slam_v] + carried[u] * lag[slam_v, b] * fetched[u, b]
+        new_v = base[v, slam_u] + work[v] * crowd[slam_u] + carried[v] * lag[slam_u, a] * fetched[v, a]
         rest_b = latest[b, 1] if owner[b] == v else latest[b, 0]
-        least_a = max(rest_a, new_v) + fixed_a + slope_a * (plan.covered[a] - alone)
-        least_b = max(rest_b, new_u) + fixed_b + slope_b * (plan.covered[b] + added - first[v + 1] + first[v])
-        finish = max(other_last, least_a, least_b) + stages.merge[used]
-        if finish + EVENNESS * (other_total + least_a + least_b) / used >= limit:
-            continue
-        brought = 0
-        lost = 0
-        for at in range(first[v], first[v + 1]):
-            cell = cells[at]
-            shared = mark[cell] == u
-            brought += cover[a, cell] - shared == 0
-            lost += cover[b, cell] == 1 and not shared
-        at_a = least_a + slope_a * brought
-        at_b = least_b + slope_b * (first[v + 1] - first[v] - lost)
-        finish = max(other_last, at_a, at_b) + stages.merge[used]
-        score = finish + EVENNESS * (other_total + at_a + at_b) / used
+        at_a = max(rest_a, new_v) + fixed_a + slope_a * (plan.covered[a] - alone)
+        at_b = max(rest_b, new_u) + fixed_b + slope_b * (plan.covered[b] + added - (first[v + 1] - first[v]))
+        least = max(other_last, at_a, at_b) + stages.merge[used]
+        if least + EVENNESS * (other_total + at_a + at_b) / used >= limit:
+            continue  # however their cells lie
+        brought, lost = _cells_exchanged(cells[first[v] : first[v + 1]], mark, u, plan.cover[a], plan.cover[b])
+        at_a += slope_a * brought
+        at_b += slope_b * (first[v + 1] - first[v] - lost)
+        score = max(other_last, at_a, at_b) + stages.merge[used] + EVENNESS * (other_total + at_a + at_b) / used
         if score < limit:
-            limit = score
-            best = v
+            limit, best = score, v
     return limit, best
