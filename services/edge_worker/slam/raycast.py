@@ -91,23 +91,29 @@ def trace(
     height = int(np.floor(max(oy, ends[:, 1].max()))) - y0 + 1
     patch = np.zeros((height, width), np.uint8)
     for i in range(n + m):
-        _walk(patch, ox - x0, oy - y0, ends[i, 0] - x0, ends[i, 1] - y0, i >= n)
+        _walk(patch, x0, y0, ox, oy, ends[i, 0], ends[i, 1], i >= n)
     for i in range(n):
-        patch[int(ends[i, 1] - y0), int(ends[i, 0] - x0)] = HIT
+        patch[int(np.floor(ends[i, 1])) - y0, int(np.floor(ends[i, 0])) - x0] = HIT
     return patch, x0, y0
 
 
 @njit(cache=True)
-def _walk(patch: NDArray[np.uint8], x: float, y: float, end_x: float, end_y: float, through: bool) -> None:
-    """Mark the cells from (x, y) to the end as passed; the last one only if `through`. All in cells of the patch."""
-    i, j = int(x), int(y)
-    last_i, last_j = int(end_x), int(end_y)
+def _walk(
+    patch: NDArray[np.uint8], x0: int, y0: int, x: float, y: float, end_x: float, end_y: float, through: bool
+) -> None:
+    """Mark the cells from (x, y) to the end as passed; the last one only if `through`. All in cells of the lattice.
+
+    Cells are found before the patch's corner is taken off: the difference of two floats may round up to a cell
+    that neither lies in.
+    """
+    i, j = int(np.floor(x)) - x0, int(np.floor(y)) - y0
+    last_i, last_j = int(np.floor(end_x)) - x0, int(np.floor(end_y)) - y0
     dx, dy = end_x - x, end_y - y
     step_i, step_j = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
     per_i = abs(1.0 / dx) if dx != 0.0 else np.inf
     per_j = abs(1.0 / dy) if dy != 0.0 else np.inf
-    next_i = (((i + 1) - x) if dx > 0 else (x - i)) * per_i if dx != 0.0 else np.inf
-    next_j = (((j + 1) - y) if dy > 0 else (y - j)) * per_j if dy != 0.0 else np.inf
+    next_i = ((i + x0 + 1 - x) if dx > 0 else (x - i - x0)) * per_i if dx != 0.0 else np.inf
+    next_j = ((j + y0 + 1 - y) if dy > 0 else (y - j - y0)) * per_j if dy != 0.0 else np.inf
     for _ in range(abs(last_i - i) + abs(last_j - j)):
         patch[j, i] = PASSED
         if (next_i < next_j and i != last_i) or j == last_j:

@@ -1,0 +1,36 @@
+"""Drawing scans into counts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from services.edge_worker.slam.raycast import HIT, PASSED, trace
+
+RESOLUTION = 0.05
+
+
+def test_a_laser_on_the_border_of_two_cells_stays_within_its_patch() -> None:
+    """-33.00000000000001 cells lie in cell -34, though the distance from the patch's lowest cell rounds to -33."""
+    pose = np.array([8.89, -1.65, -1.57])
+    bearings = np.radians(np.arange(-90.0, 90.0))
+    ends = 3.6 * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    patch, x0, y0 = trace(pose, ends, np.empty((0, 2)), np.zeros(2), RESOLUTION)
+    row = int(np.floor(pose[1] / RESOLUTION)) - y0
+    column = int(np.floor(pose[0] / RESOLUTION)) - x0
+    assert patch[row, column] in (PASSED, HIT)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_every_end_is_hit_and_every_ray_reaches_it_cell_by_cell(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    pose = np.array([*np.rint(rng.uniform(-900, 900, 2)) * 0.01, rng.uniform(-np.pi, np.pi)])
+    ends = rng.uniform(-6, 6, (1, 2))
+    patch, x0, y0 = trace(pose, ends, np.empty((0, 2)), np.zeros(2), RESOLUTION)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    end = (pose[:2] + np.array([c * ends[0, 0] - s * ends[0, 1], s * ends[0, 0] + c * ends[0, 1]])) / RESOLUTION
+    start = pose[:2] / RESOLUTION
+    first, last = np.floor(start).astype(int), np.floor(end).astype(int)
+    assert patch[last[1] - y0, last[0] - x0] == HIT
+    assert (patch == HIT).sum() == 1
+    assert (patch > 0).sum() == np.abs(last - first).sum() + 1
