@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from common.geometry import between, compose
 from common.grid import Grid
 from common.wire import Frame
-from services.edge_worker.slam import graph_settings, graph_snapshot
+from services.edge_worker.slam import graph_settings, graph_snapshot, thinning
 from services.edge_worker.slam.graph_settings import GraphSettings
 from services.edge_worker.slam.kernel import Estimate
 from services.edge_worker.slam.keyframe import Keyframe
@@ -33,6 +33,8 @@ MOVES_M, MOVES_RAD = 0.1, 0.02
 """a loop that moves its keyframe further is worked in at once"""
 ITERATIONS = 2
 FINAL_ITERATIONS = 15
+THIN_SHARE = 0.1
+"""of the keyframes, dropped at once when there are too many"""
 LOST_SHARE = 5.0
 """keyframe distances that dead reckoning bridges before a scan without a match becomes a keyframe"""
 
@@ -73,6 +75,8 @@ class GraphSlam:
         if self._is_new_place(match):
             self._add_keyframe(scan, match)
             self._close_loops()
+            if len(self.keyframes) > self.settings.max_keyframes:
+                self._thin()
         newest = len(self.keyframes) - 1
         self.track.append(scan.stamp, newest, between(self.graph.poses[newest], self.pose))
         return Estimate(self.pose.copy(), match.matched)
@@ -128,3 +132,16 @@ class GraphSlam:
         self.tracker.rebuild(self.keyframes, self.graph.poses)
         self.closer.reshape(self.graph)
         self.pending = 0
+
+    def _thin(self) -> None:
+        """Drop a share of the keyframes outside the local map, and have others take over what hangs on them."""
+        self._correct(ITERATIONS)
+        gone = thinning.crowded(self.graph.poses[: self.tracker.first], int(THIN_SHARE * len(self.keyframes)))
+        heir = thinning.heirs(len(self.keyframes), gone)
+        number = thinning.numbers(heir)
+        self.rendering.forget(self.keyframes, gone)
+        self.track.rehang(self.graph.poses, heir, number)
+        self.closer.renumber(heir, number)
+        thinning.eliminate(self.graph, heir)
+        self.keyframes = [self.keyframes[k] for k in np.flatnonzero(heir == np.arange(len(heir)))]
+        self.tracker.first -= len(gone)

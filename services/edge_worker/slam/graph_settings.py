@@ -29,6 +29,8 @@ class GraphSettings(BaseModel):
     """a scan this far from the last keyframe becomes one"""
     local_keyframes: Annotated[int, Field(ge=5, le=500)] = 60
     """keyframes of the sliding map that scans are matched with"""
+    max_keyframes: Annotated[int, Field(ge=50)] = 2000
+    """with more than this, views of crowded places are dropped: memory and time stay bounded"""
     submap_keyframes: Annotated[int, Field(ge=3, le=100)] = 10
     min_inliers: Annotated[float, Field(gt=0, le=1)] = 0.4
     """share of a scan's points that must agree with the map for the match to count"""

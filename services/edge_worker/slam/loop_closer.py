@@ -7,7 +7,7 @@ robot further than its dead reckoning can have drifted waits until others, found
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numba import njit
@@ -109,6 +109,27 @@ class LoopCloser:
             if max(off[0], off[1]) > BENT_M or off[2] > BENT_RAD:
                 self.submaps[number] = Submap(submap.anchor, submap.members, poses)
                 self.cache.drop(number)
+
+    def renumber(self, heir: NDArray[np.int64], number: NDArray[np.int64]) -> None:
+        """Forget keyframes that are gone (not their own heirs); those that stay get new numbers (k,)."""
+        submaps, tried = [], []
+        for submap, last in zip(self.submaps, self.tried, strict=True):
+            members = np.array(submap.members)
+            stay = heir[members] == members
+            if not stay.any():
+                continue
+            members, poses = members[stay], submap.poses[stay]
+            middle = int(np.argmin(np.abs(members - submap.anchor)))
+            poses = between(poses[middle], poses)
+            submaps.append(Submap(int(number[members[middle]]), tuple(number[members].tolist()), poses))
+            tried.append(int(number[heir[last]]) if last >= 0 else -1)
+        self.submaps, self.tried = submaps, tried
+        self.waiting = [
+            replace(loop, anchor=int(number[loop.anchor]), keyframe=int(number[loop.keyframe]))
+            for loop in self.waiting
+            if heir[loop.anchor] == loop.anchor and heir[loop.keyframe] == loop.keyframe
+        ]
+        self.cache.clear()
 
     def look(self, graph: PoseGraph, keyframes: list[Keyframe]) -> list[Loop]:
         """Loops between the latest keyframe and submaps that can be trusted now, none as a rule."""

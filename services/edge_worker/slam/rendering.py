@@ -46,6 +46,13 @@ class Rendering:
         self._canvas.publish(self.grid)
         return self.grid
 
+    def forget(self, keyframes: list[Keyframe], gone: NDArray[np.int64]) -> None:
+        """Take keyframes away that are about to be dropped."""
+        drawn = gone[gone < len(self._drawn)]
+        for k in drawn.tolist():
+            self._draw(keyframes[k], self._drawn[k], -1)
+        self._drawn = np.delete(self._drawn, drawn, axis=0)
+
     def restart(self, version: int) -> None:
         """Forget what was drawn; the grid goes on from `version`, its tiles to be drawn again."""
         self._canvas.clear()

@@ -66,6 +66,9 @@ class TargetCache:
         self._targets[number] = Target(submap, keyframes)
         return self._targets[number]
 
+    def clear(self) -> None:
+        self._targets.clear()
+
     def drop(self, number: int) -> None:
         self._targets.pop(number, None)
 

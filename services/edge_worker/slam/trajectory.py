@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.geometry import compose
+from common.geometry import between, compose
 
 
 class Trajectory:
@@ -28,6 +28,13 @@ class Trajectory:
         self._stamps[self._count], self._keyframes[self._count] = stamp, keyframe
         self._relative[self._count] = relative
         self._count += 1
+
+    def rehang(self, poses: NDArray[np.float64], heir: NDArray[np.int64], number: NDArray[np.int64]) -> None:
+        """Move frames from keyframes at `poses` (k, 3) to their heirs (k,), which get new numbers (k,)."""
+        n = self._count
+        old = self._keyframes[:n]
+        self._relative[:n] = compose(between(poses[heir], poses)[old], self._relative[:n])
+        self._keyframes[:n] = number[heir[old]]
 
     def state(self) -> list[NDArray[Any]]:
         """Stamps, keyframes and relative poses."""
