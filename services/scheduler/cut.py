@@ -27,7 +27,7 @@ PROVABLE = 100
 PROOF_NODES = 400_000
 BISECTIONS = 4
 ROUNDS = 12
-PROPOSALS = 30_000
+PROPOSALS = 100_000
 """of the annealing, a robot"""
 
 

@@ -100,7 +100,7 @@ def test_the_search_finds_the_best_of_all_assignments_of_a_small_problem() -> No
         task = problem(6, 2, seed=seed, spread=6.0)
         every = (np.array([(code >> robot) & 1 for robot in range(6)]) for code in range(64))
         together = min(predict(task, edges, edges).total for edges in every)
-        assert plan(task, "recslam", **steps(10**6)).prediction.total <= together * (1 + 1e-9)
+        assert plan(task, "recslam", **steps(2000)).prediction.total <= together * (1 + 1e-9)
 
 
 def test_kicks_never_lose_what_was_found() -> None:
@@ -119,15 +119,15 @@ def test_a_faster_edge_is_given_more_robots() -> None:
     sizes = water_filled_sizes(task)
     assert sizes.sum() == 24
     assert sizes[0] < sizes[1] < sizes[2]
-    assert np.bincount(plan(task, "recslam", **steps(10**4)).fuse, minlength=3).argmax() == 2
+    assert np.bincount(plan(task, "recslam", **steps(500)).fuse, minlength=3).argmax() == 2
 
 
 def test_moving_is_not_worth_a_small_gain_when_it_is_dear() -> None:
     task = problem(16, 3, seed=2, placed=True)
     dear = dataclasses.replace(task, move_cost=np.full(16, 1e4))
     cheap = dataclasses.replace(task, move_cost=np.zeros(16))
-    assert np.array_equal(plan(dear, "recslam", **steps(10**4)).slam, task.current_slam)
-    assert not np.array_equal(plan(cheap, "recslam", **steps(10**4)).slam, task.current_slam)
+    assert np.array_equal(plan(dear, "recslam", **steps(500)).slam, task.current_slam)
+    assert not np.array_equal(plan(cheap, "recslam", **steps(500)).slam, task.current_slam)
 
 
 def test_placing_a_group_is_priced_like_the_prediction() -> None:

@@ -29,9 +29,9 @@ def test_no_plan_names_an_edge_out_of_reach(policy: str, robots: int, edges: int
 def test_the_same_problem_and_seed_give_the_same_plan(policy: str) -> None:
     task = problem(12, 3, seed=4, placed=True)
     steps = iter(range(10**9))
-    first = plan(task, policy, budget_s=1e9, kappa=50, tau=5, seed=3, clock=lambda: 1e6 * next(steps))
+    first = plan(task, policy, budget_s=1e9, kappa=50, tau=5, seed=3, clock=lambda: 1e7 * next(steps))
     steps = iter(range(10**9))
-    again = plan(task, policy, budget_s=1e9, kappa=50, tau=5, seed=3, clock=lambda: 1e6 * next(steps))
+    again = plan(task, policy, budget_s=1e9, kappa=50, tau=5, seed=3, clock=lambda: 1e7 * next(steps))
     assert np.array_equal(first.slam, again.slam)
     assert np.array_equal(first.fuse, again.fuse)
     assert first.prediction.total == again.prediction.total
