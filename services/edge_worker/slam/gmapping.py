@@ -53,8 +53,6 @@ class GMapping:
         """m travelled since then, turns included"""
         self.spread = np.zeros(3)
         """(3,) variance of the particles' scatter about `since`: m^2, m^2, rad^2"""
-        self.stamp: float | None = None
-        """s, of the frame before"""
 
     @classmethod
     def create(cls, settings: Mapping[str, Any], seed: int) -> GMapping:
@@ -76,7 +74,6 @@ class GMapping:
         scan = self.reader.read(frame)
         usable = len(scan.points) >= self.settings.min_points
         matched = self._advance(scan, usable)
-        self.stamp = scan.stamp
         if usable and self._is_due():
             self._register(scan)
         self.track.append(scan.stamp, len(self.tree) - 1, self.since, self.way)
@@ -108,28 +105,35 @@ class GMapping:
         self.since = compose(before, scan.motion)
         matched = False
         if usable and self.maps.held:
-            base = self.poses[self.best]
-            self._cover(scan, compose(base, self.since)[None], self.settings.search_m)
-            pose, matched = self.matcher.track(scan.points, compose(base, self.since), doubt, self.best)
-            self.since = between(base, pose) if matched else self.since
+            matched = self._track(scan, before, doubt)
         motion = between(before, self.since)
-        if matched:
-            self.reader.learn(motion)
+        self.reader.learn(motion, matched)
         self.way += way_of(motion)
         self.spread += self._drift(motion) if matched else np.square([doubt.metres, doubt.metres, doubt.radians])
         return matched
 
+    def _track(self, scan: Scan, before: NDArray[np.float64], doubt: Uncertainty) -> bool:
+        """Correct `since` on the best particle's map, from the first of the motions offered that leads to a match."""
+        base = self.poses[self.best]
+        guesses = compose(base, compose(before, np.vstack([scan.motion, scan.alternatives])))
+        self._cover(scan, guesses, self.settings.search_m)
+        for guess in guesses:
+            pose, matched = self.matcher.track(scan.points, guess, doubt, self.best)
+            if matched:
+                self.since = between(base, pose)
+                return True
+        return False
+
     def _doubt(self, scan: Scan) -> Uncertainty:
         """How far dead reckoning since the frame before may be off."""
         s, metres, turn = self.settings, float(np.hypot(*scan.motion[:2])), abs(float(scan.motion[2]))
-        if scan.measured:
-            return Uncertainty(
-                s.odometry_m_per_m * metres, s.odometry_rad_per_rad * turn + s.odometry_rad_per_m * metres
-            )
-        gap = 0.0 if self.stamp is None else max(scan.stamp - self.stamp, 0.0)
-        return Uncertainty(
-            min(0.5 * s.guess_mps2 * gap**2, s.search_m), min(0.5 * s.guess_radps2 * gap**2, s.search_rad)
+        measured = Uncertainty(
+            s.odometry_m_per_m * metres, s.odometry_rad_per_rad * turn + s.odometry_rad_per_m * metres
         )
+        if scan.measured:
+            return measured
+        shift, swing = 0.5 * s.guess_mps2 * scan.dt**2, 0.5 * s.guess_radps2 * scan.dt**2
+        return Uncertainty(min(shift, s.search_m), measured.radians if scan.turn_measured else min(swing, s.search_rad))
 
     def _drift(self, motion: NDArray[np.float64]) -> NDArray[np.float64]:
         s, metres, turn = self.settings, float(np.hypot(motion[0], motion[1])), abs(float(motion[2]))
@@ -155,8 +159,7 @@ class GMapping:
             parents = self._weigh(likelihoods, noise.random())
             poses = poses[parents]
         self._cover(scan, poses, 0.0)
-        for particle in range(n):
-            self.maps.add(particle, scan.points, poses[particle])
+        self.maps.add(scan.points, poses)
         self.tree.append(Generation(poses, parents, scan.points, scan.silent, scan.laser))
         if not np.array_equal(parents, np.arange(n)):
             self.chart.settle(self.tree.settle())
@@ -169,7 +172,12 @@ class GMapping:
         self.log_weights += likelihoods
         self.evidence += likelihoods
         weights = normalised(self.log_weights, s.smoothing)
-        if effective(weights) >= s.resample_share * s.particles:
+        if (
+            len(self.tree.branches) > s.lag_scans
+        ):  # only those that share the heaviest one's past live on, so that memory is bounded
+            past = self.tree.ancestors(s.lag_scans // 2)
+            weights = np.where(past == past[np.argmax(weights)], weights, 0.0)
+        elif effective(weights) >= s.resample_share * s.particles:
             return np.arange(s.particles)
         parents = systematic(weights, draw)
         self.maps.resample(parents)

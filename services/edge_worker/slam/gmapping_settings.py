@@ -65,6 +65,8 @@ class GMappingSettings(BaseModel):
     """log-likelihoods are divided by this times the particles (GMapping's ogain): beams are not independent"""
     resample_share: Annotated[float, Field(ge=0, le=1)] = 0.5
     """particles are resampled when fewer than this share are effective"""
+    lag_scans: Annotated[int, Field(ge=10, le=100_000)] = 3000
+    """registered scans for which particles may disagree about the past; beyond, the heaviest particle's past is taken"""
 
     @model_validator(mode="after")
     def reach_is_seen(self) -> GMappingSettings:

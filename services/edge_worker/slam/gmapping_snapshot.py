@@ -46,7 +46,6 @@ def write(kernel: GMapping) -> bytes:
         "since": kernel.since,
         "way": kernel.way,
         "spread": kernel.spread,
-        "stamp": kernel.stamp,
     }
     body = zstandard.ZstdCompressor(level=1).compress(msgpack.packb(state, default=_array_out))
     return MAGIC + FORMAT.to_bytes(2, "little") + hashlib.sha256(body).digest() + body
@@ -63,7 +62,7 @@ def read(data: bytes, kernel: GMapping) -> None:
         )
         if state["settings"] != kernel.settings.model_dump():
             raise SnapshotRefused(f"gmapping: the snapshot was made with other settings: {_differing(state, kernel)}")
-        maps, seed, stamp = _maps_in(state["maps"], kernel.settings.particles), int(state["seed"]), state["stamp"]
+        maps, seed = _maps_in(state["maps"], kernel.settings.particles), int(state["seed"])
         tree, track = _tree_in(state["tree"]), ParticleTrack.of(state["track"])
         chart = _chart_in(state["chart"], kernel.settings.resolution_m)
         arrays = {name: state[name].copy() for name in ("log_weights", "evidence", "since", "spread")}
@@ -72,7 +71,7 @@ def read(data: bytes, kernel: GMapping) -> None:
         raise SnapshotRefused(f"gmapping: the snapshot does not hold what this program needs: {error!r}") from error
     kernel.reader.restore(reader)
     kernel.maps.restore(maps)
-    kernel.seed, kernel.stamp, kernel.way = seed, stamp, way
+    kernel.seed, kernel.way = seed, way
     kernel.tree, kernel.track = tree, track
     vars(kernel.chart.grid).update(vars(chart.grid))  # whoever holds the grid keeps holding it
     kernel.chart.canvas, kernel.chart.drawn = chart.canvas, chart.drawn
@@ -103,7 +102,7 @@ def _maps_out(state: dict[str, Any]) -> dict[str, Any]:
 
 def _maps_in(state: dict[str, Any], particles: int) -> dict[str, Any]:
     table, hits = state["table"], state["hits"]
-    if len(table) != particles or (table.size and not -1 <= table.min() <= table.max() < max(len(hits), 1)):
+    if len(table) != particles or (table.size and not 0 <= table.min() <= table.max() < len(hits)):
         raise ValueError("particle maps point to patches that are not there")
     return {**state, "near": state["near"].view(np.int16)}
 

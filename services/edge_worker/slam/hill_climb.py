@@ -30,19 +30,12 @@ def fit(turned, x, y, table, near, reach):  # type: ignore[no-untyped-def]
     scale = 1.0 / (reach * reach)
     for row in range(len(turned)):
         u, v = turned[row, 0] + x, turned[row, 1] + y
-        if u < 0.0 or v < 0.0:
-            continue
         i, j = int(u), int(v)
         px, py = i >> SHIFT, j >> SHIFT
-        if px >= width or py >= height:
-            continue
-        number = table[py, px]
-        if number >= 0:
-            cell = (j & LOW) * SIDE + (i & LOW)
+        if u >= 0.0 and v >= 0.0 and px < width and py < height:
+            number, cell = table[py, px], (j & LOW) * SIDE + (i & LOW)
             dx, dy = near[number, cell, 0] * NEAR_UNIT - (u - i), near[number, cell, 1] * NEAR_UNIT - (v - j)
-            score = 1.0 - (dx * dx + dy * dy) * scale
-            if score > 0.0:
-                total += score
+            total += max(0.0, 1.0 - (dx * dx + dy * dy) * scale)
     return total
 
 
@@ -55,9 +48,9 @@ def misfit(turned, x, y, table, near, spread, worst):  # type: ignore[no-untyped
     for row in range(len(turned)):
         u, v = turned[row, 0] + x, turned[row, 1] + y
         cost = worst
-        i, j = int(np.floor(u)), int(np.floor(v))
+        i, j = int(u), int(v)
         px, py = i >> SHIFT, j >> SHIFT
-        if px >= 0 and py >= 0 and px < width and py < height and table[py, px] >= 0:
+        if u >= 0.0 and v >= 0.0 and px < width and py < height:
             number, cell = table[py, px], (j & LOW) * SIDE + (i & LOW)
             dx, dy = near[number, cell, 0] * NEAR_UNIT - (u - i), near[number, cell, 1] * NEAR_UNIT - (v - j)
             if dx * dx + dy * dy < FAR_CELLS**2:  # else `near` says that there is no centroid

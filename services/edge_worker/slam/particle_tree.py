@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,13 @@ class ParticleTree:
             self.settled.append(pose)
             fixed.append((pose, self.branches.popleft()))
         return fixed
+
+    def ancestors(self, row: int) -> NDArray[np.int64]:
+        """For each particle (n,) of the last generation its ancestor in unsettled generation `row`."""
+        alive = np.arange(len(self.branches[-1].parents))
+        for generation in islice(reversed(self.branches), len(self.branches) - 1 - row):
+            alive = generation.parents[alive]
+        return alive
 
     def branch(self, particle: int) -> NDArray[np.float64]:
         """Poses (len(branches), 3) of the unsettled ancestors of a particle of the last generation, and its own."""

@@ -15,23 +15,25 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from common.geometry import apply
-
 SIDE = 16
 """cells along one side of a patch"""
 CELLS = SIDE * SIDE
 SHIFT, LOW = 4, SIDE - 1
-NONE = -1
-MEAN_UNIT = 2.0**-16
-"""of a cell, the unit of `mean`"""
-NEAR_UNIT = 2.0**-13
-"""of a cell, the unit of `near`"""
+NONE = 0
+"""number of the patch that every table has where it has none: never written, so that reading needs no branch"""
+MEAN_BITS, NEAR_BITS = 16, 7
+"""`mean` is in 2^-16 cells so that it can follow many hits, `near` in 2^-7 cells (0.4 mm of 5 cm) so that it rarely
+changes"""
+COARSER = MEAN_BITS - NEAR_BITS
+NEAR_UNIT = 2.0**-NEAR_BITS
+"""of a cell"""
+CENTRE = 1 << (NEAR_BITS - 1)
 FAR = np.int16(32767)
-"""stands for "no centroid" in `near`: four cells away, where nothing scores, without a branch"""
+"""stands for "no centroid" in `near`: far away, where nothing scores, again without a branch"""
 FAR_CELLS = 3.0
 """what `near` holds lies nearer than this to any point of its cell, FAR lies further"""
-MOST_HITS = 1000
-"""a centroid weighs at most so many hits, so that it can still follow a changed world"""
+MOST_HITS = 16
+"""a cell's centroid stands once it is the mean of so many hits: known places stay shared and cost nothing"""
 MARGIN = 4
 """patches of slack when the table grows"""
 FIRST_PATCHES = 256
@@ -41,8 +43,9 @@ class PatchMap:
     """The endpoint maps of n particles.
 
     table (n, height, width) int32: patch numbers, NONE where a particle has none; corner: cell (x, y) of its origin.
-    mean (patches, 256, 2) uint16: centroid of a cell's hits from the cell's corner, in MEAN_UNIT.
-    near (patches, 256, 2) int16: nearest centroid of the 3 x 3 cells around, from this cell's corner, in NEAR_UNIT.
+    mean (patches, 256, 2) uint16: centroid of a cell's hits from the cell's corner, in 2^-16 cells.
+    near (patches, 256, 2) int16: nearest centroid of the 3 x 3 cells around, from this cell's corner, in 2^-7 cells;
+    "nearest" to the cell's centre.
     hits (patches, 256) uint16; holders (patches,) int32: how many tables point to a patch.
     """
 
@@ -57,8 +60,8 @@ class PatchMap:
         self.near = np.full((patches, CELLS, 2), FAR, np.int16)
         self.hits = np.zeros((patches, CELLS), np.uint16)
         self.holders = np.zeros(patches, np.int32)
-        self.free = np.arange(patches - 1, -1, -1, dtype=np.int32)
-        self.spare = np.array([patches])
+        self.free = np.arange(patches - 1, NONE, -1, dtype=np.int32)
+        self.spare = np.array([len(self.free)])
 
     @property
     def held(self) -> int:
@@ -97,27 +100,27 @@ class PatchMap:
         """The inverse of `to_table`."""
         return (cells + self.corner) * self.resolution_m
 
-    def add(self, particle: int, points: NDArray[np.float32], pose: NDArray[np.float64]) -> None:
-        """Count hits at `points` (n, 2) metres, base frame, in one particle's map; `pose` has them covered."""
-        cells = self.to_table(apply(pose, points))
-        done = 0
-        while True:
-            done = add_hits(
-                cells, done, self.table[particle], self.mean, self.near, self.hits, self.holders, self.free, self.spare
+    def add(self, points: NDArray[np.float32], poses: NDArray[np.float64]) -> None:
+        """Count hits at `points` (k, 2) metres, base frame, in each particle's map at its pose (n, 3); all covered."""
+        cells = points.astype(np.float64) / self.resolution_m
+        bases = np.concatenate([self.to_table(poses[:, :2]), poses[:, 2:]], axis=1)
+        done, todo = 0, len(points) * len(poses)
+        while done < todo:
+            done = add_scan(
+                cells, bases, done, self.table, self.mean, self.near, self.hits, self.holders, self.free, self.spare
             )
-            if done == len(cells):
-                return
-            self._grow()
+            if done < todo:
+                self._grow()
 
     def _grow(self) -> None:
         """Double the pool (patch numbers stay)."""
         size = len(self.holders)
         mean, near, hits, holders = self.mean, self.near, self.hits, self.holders
-        free = self.free[: self.spare[0]]
+        free = self.free[: self.spare[0]].copy()
         self._allocate(2 * size)
         self.mean[:size], self.near[:size], self.hits[:size], self.holders[:size] = mean, near, hits, holders
         self.spare[0] = size + len(free)
-        self.free[: self.spare[0]] = np.concatenate([np.arange(2 * size - 1, size - 1, -1, dtype=np.int32), free])
+        self.free[size : self.spare[0]] = free  # the new ones lie below: the same order as after `count_holders`
 
     def resample(self, parents: NDArray[np.int64]) -> None:
         """Particle i takes over the map of particle `parents[i]`; patches that nobody holds any more are freed."""
@@ -126,8 +129,8 @@ class PatchMap:
 
     def state(self) -> dict[str, Any]:
         """Everything, as msgpack and arrays take it; patches are numbered anew, without gaps."""
-        used = np.flatnonzero(self.holders)
-        number = np.full(len(self.holders) + 1, NONE, np.int32)  # the last entry is where NONE points
+        used = np.concatenate([[NONE], np.flatnonzero(self.holders)])
+        number = np.zeros(len(self.holders), np.int32)
         number[used] = np.arange(len(used), dtype=np.int32)
         return {
             "corner": self.corner,
@@ -141,7 +144,7 @@ class PatchMap:
         """The inverse of `state`."""
         used = len(state["hits"])
         self.corner, self.table = state["corner"].copy(), state["table"].copy()
-        self._allocate(max(FIRST_PATCHES, 1 << (used - 1).bit_length()) if used else FIRST_PATCHES)
+        self._allocate(max(FIRST_PATCHES, 1 << (used - 1).bit_length()))
         self.mean[:used], self.near[:used], self.hits[:used] = state["mean"], state["near"], state["hits"]
         self.free, self.spare = count_holders(self.table, self.holders)
 
@@ -151,11 +154,11 @@ def count_holders(table, holders):  # type: ignore[no-untyped-def]
     """Recount `holders` from the tables; returns the list of free patches and, as an array of one, its length."""
     holders[:] = 0
     for number in table.ravel():
-        if number >= 0:
+        if number != NONE:
             holders[number] += 1
-    free = np.empty(len(holders), np.int32)
+    free = np.empty(len(holders) - 1, np.int32)
     spare = 0
-    for number in range(len(holders) - 1, -1, -1):
+    for number in range(len(holders) - 1, NONE, -1):
         if holders[number] == 0:
             free[spare] = number
             spare += 1
@@ -166,56 +169,90 @@ def count_holders(table, holders):  # type: ignore[no-untyped-def]
 def own(py, px, table, mean, near, hits, holders, free, spare):  # type: ignore[no-untyped-def]
     """Give this table a patch of its own at (py, px). The pool must have one to spare."""
     number = table[py, px]
-    if number >= 0 and holders[number] == 1:
+    if number != NONE and holders[number] == 1:
         return
     spare[0] -= 1
     fresh = free[spare[0]]
     holders[fresh] = 1
-    if number >= 0:
-        mean[fresh], near[fresh], hits[fresh] = mean[number], near[number], hits[number]
+    # of NONE this copies an empty patch, which also clears what an earlier holder left
+    mean[fresh], near[fresh], hits[fresh] = mean[number], near[number], hits[number]
+    if number != NONE:
         holders[number] -= 1
-    else:
-        mean[fresh], near[fresh], hits[fresh] = np.uint16(0), FAR, np.uint16(0)
     table[py, px] = fresh
 
 
 @njit(cache=True)
-def add_hits(cells, start, table, mean, near, hits, holders, free, spare):  # type: ignore[no-untyped-def]
-    """Count hits at cells[start:] (n, 2), table units; returns how many rows are done, n unless the pool ran out."""
-    for row in range(start, len(cells)):
-        i, j = int(cells[row, 0]), int(cells[row, 1])
+def add_scan(points, poses, start, tables, mean, near, hits, holders, free, spare):  # type: ignore[no-untyped-def]
+    """Count `points` (k, 2) at the poses (n, 3) of n particles, in cells, from pair number `start` on.
+
+    Pair p is point p % k of particle p // k. Returns how many pairs are done, fewer than n * k when the pool ran out.
+    """
+    k = len(points)
+    for pair in range(start, k * len(poses)):
         if spare[0] < 4:  # the 3 x 3 cells around a hit lie in at most four patches
-            return row
+            return pair
+        particle, row = pair // k, pair % k
+        table = tables[particle]
+        c, s = np.cos(poses[particle, 2]), np.sin(poses[particle, 2])
+        u = poses[particle, 0] + c * points[row, 0] - s * points[row, 1]
+        v = poses[particle, 1] + s * points[row, 0] + c * points[row, 1]
+        i, j = int(u), int(v)
+        number, cell = table[j >> SHIFT, i >> SHIFT], (j & LOW) * SIDE + (i & LOW)
+        if hits[number, cell] >= MOST_HITS:
+            continue
         for py in range((j - 1) >> SHIFT, ((j + 1) >> SHIFT) + 1):
             for px in range((i - 1) >> SHIFT, ((i + 1) >> SHIFT) + 1):
                 own(py, px, table, mean, near, hits, holders, free, spare)
-        number, cell = table[j >> SHIFT, i >> SHIFT], (j & LOW) * SIDE + (i & LOW)
-        if hits[number, cell] < MOST_HITS:
-            hits[number, cell] += 1
-        for axis in range(2):
-            inside = (cells[row, axis] - (i if axis == 0 else j)) / MEAN_UNIT
-            before = float(mean[number, cell, axis])
-            after = before + (inside - before) / hits[number, cell]
-            mean[number, cell, axis] = np.uint16(min(after + 0.5, 65535.0))
-        for y in range(j - 1, j + 2):
-            for x in range(i - 1, i + 2):
-                find_near(x, y, table, mean, near, hits)
-    return len(cells)
+        number = table[j >> SHIFT, i >> SHIFT]
+        hits[number, cell] += 1
+        old_x, old_y = mean[number, cell, 0], mean[number, cell, 1]
+        new_x, new_y = follow(old_x, u - i, hits[number, cell]), follow(old_y, v - j, hits[number, cell])
+        mean[number, cell, 0], mean[number, cell, 1] = new_x, new_y
+        if hits[number, cell] == 1 or new_x >> COARSER != old_x >> COARSER or new_y >> COARSER != old_y >> COARSER:
+            for y in range(j - 1, j + 2):
+                for x in range(i - 1, i + 2):
+                    update_near(x, y, i, j, table, mean, near, hits)
+    return k * len(poses)
+
+
+@njit(cache=True, inline="always")
+def follow(mean, value, count):  # type: ignore[no-untyped-def]
+    """The mean, in 2^-16 cells, once `value` (cells, [0, 1)) is the last of `count` values."""
+    before = float(mean)
+    after = before + (value * (1 << MEAN_BITS) - before) / count
+    return np.uint16(min(after + 0.5, 65535.0))
+
+
+@njit(cache=True, inline="always")
+def update_near(x, y, i, j, table, mean, near, hits):  # type: ignore[no-untyped-def]
+    """The centroid of cell (i, j) has moved: bring `near` of cell (x, y) beside it up to date."""
+    at, cell = table[j >> SHIFT, i >> SHIFT], (j & LOW) * SIDE + (i & LOW)
+    dx = ((i - x) << NEAR_BITS) + (int(mean[at, cell, 0]) >> COARSER)
+    dy = ((j - y) << NEAR_BITS) + (int(mean[at, cell, 1]) >> COARSER)
+    number, here = table[y >> SHIFT, x >> SHIFT], (y & LOW) * SIDE + (x & LOW)
+    old_x, old_y = int(near[number, here, 0]), int(near[number, here, 1])
+    if off_centre(dx, dy) < off_centre(old_x, old_y):
+        near[number, here, 0], near[number, here, 1] = dx, dy
+    elif old_x >> NEAR_BITS == i - x and old_y >> NEAR_BITS == j - y:
+        find_near(x, y, table, mean, near, hits)  # it was the nearest and has moved off: another may be nearer now
+
+
+@njit(cache=True, inline="always")
+def off_centre(dx, dy):  # type: ignore[no-untyped-def]
+    return (dx - CENTRE) * (dx - CENTRE) + (dy - CENTRE) * (dy - CENTRE)
 
 
 @njit(cache=True)
-def find_near(i, j, table, mean, near, hits):  # type: ignore[no-untyped-def]
-    """Set `near` of cell (i, j): the centroid within the 3 x 3 cells around that is nearest to the cell's centre."""
-    best, best_x, best_y = 1e6, FAR, FAR
-    for y in range(j - 1, j + 2):
-        for x in range(i - 1, i + 2):
-            number, cell = table[y >> SHIFT, x >> SHIFT], (y & LOW) * SIDE + (x & LOW)
-            if number >= 0 and hits[number, cell] > 0:
-                dx = x - i + mean[number, cell, 0] * MEAN_UNIT
-                dy = y - j + mean[number, cell, 1] * MEAN_UNIT
-                distance = (dx - 0.5) ** 2 + (dy - 0.5) ** 2
-                if distance < best:
-                    best = distance
-                    best_x, best_y = np.int16(np.rint(dx / NEAR_UNIT)), np.int16(np.rint(dy / NEAR_UNIT))
-    number, cell = table[j >> SHIFT, i >> SHIFT], (j & LOW) * SIDE + (i & LOW)
+def find_near(x, y, table, mean, near, hits):  # type: ignore[no-untyped-def]
+    """Set `near` of cell (x, y): the centroid within the 3 x 3 cells around that is nearest to the cell's centre."""
+    best_x, best_y = int(FAR), int(FAR)
+    for j in range(y - 1, y + 2):
+        for i in range(x - 1, x + 2):
+            number, cell = table[j >> SHIFT, i >> SHIFT], (j & LOW) * SIDE + (i & LOW)
+            if hits[number, cell] > 0:
+                dx = ((i - x) << NEAR_BITS) + (int(mean[number, cell, 0]) >> COARSER)
+                dy = ((j - y) << NEAR_BITS) + (int(mean[number, cell, 1]) >> COARSER)
+                if off_centre(dx, dy) < off_centre(best_x, best_y):
+                    best_x, best_y = dx, dy
+    number, cell = table[y >> SHIFT, x >> SHIFT], (y & LOW) * SIDE + (x & LOW)
     near[number, cell, 0], near[number, cell, 1] = best_x, best_y
