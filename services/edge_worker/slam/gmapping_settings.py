@@ -66,7 +66,7 @@ class GMappingSettings(BaseModel):
     resample_share: Annotated[float, Field(ge=0, le=1)] = 0.5
     """particles are resampled when fewer than this share are effective"""
     lag_scans: Annotated[int, Field(ge=10, le=100_000)] = 3000
-    """registered scans for which particles may disagree about the past; beyond, the heaviest particle's past is taken"""
+    """registered scans back to which particles may disagree; of what is older only the heaviest one's is kept"""
 
     @model_validator(mode="after")
     def reach_is_seen(self) -> GMappingSettings:
