@@ -109,8 +109,10 @@ class Problem:
 
     @cached_property
     def map_m2(self) -> Floats:
-        """(V,) area of each robot map."""
-        return np.array([cells.size for cells in self.footprints], dtype=np.float64) * self.cell_m2
+        """(V,) area of each robot map; one of which nothing is known counts as an average one."""
+        areas = np.array([cells.size for cells in self.footprints], dtype=np.float64) * self.cell_m2
+        known = areas[areas > 0]
+        return np.where(areas > 0, areas, known.mean() if known.size else 0.0)
 
     @cached_property
     def edge_to_edge(self) -> Floats:

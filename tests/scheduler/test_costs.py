@@ -79,3 +79,11 @@ def test_staying_costs_nothing_and_moving_is_spread_over_the_horizon() -> None:
 def test_fusion_is_quadratic_in_the_maps_and_free_without_any() -> None:
     model = FusionModel(map_s=1.0, pair_s=1.0, m2_s=0.5)
     assert model.seconds(np.array([0, 1, 2, 3]), 2.0).tolist() == [0.0, 2.0, 4.0, 7.0]
+
+
+def test_a_map_of_which_nothing_is_known_is_carried_like_an_average_one() -> None:
+    task = problem(3, 2)
+    unknown = dataclasses.replace(task, footprints=(np.empty(0, dtype=np.int64), np.arange(10), np.arange(30)))
+    assert unknown.map_m2.tolist() == [20.0, 10.0, 30.0]
+    nothing = dataclasses.replace(task, footprints=(np.empty(0, dtype=np.int64),) * 3)
+    assert nothing.map_m2.tolist() == [0.0, 0.0, 0.0]
