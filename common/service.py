@@ -13,8 +13,9 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from pathlib import Path
+from typing import Any
 
 from common.config import Fleet, load
 from common.errors import UsageError
@@ -25,6 +26,10 @@ ENDPOINT = "RECSLAM_ENDPOINT"
 """environment name of the router's endpoint; goes before the fleet file, after the command line"""
 
 log = logging.getLogger(__name__)
+
+
+class Stopped(Exception):
+    """Raised inside a service's task group to end all of it: `except* Stopped` follows."""
 
 
 def arguments(program: str, description: str) -> argparse.ArgumentParser:
@@ -69,6 +74,20 @@ def run(
             print(f"{service}: {leaf}", file=sys.stderr)
         return 2
     return 0
+
+
+async def until_stopped(work: Coroutine[Any, Any, None], stop: asyncio.Event) -> bool:
+    """Do `work`, unless `stop` is set before it is done: then break it off and return True."""
+    working, stopping = asyncio.create_task(work), asyncio.create_task(stop.wait())
+    try:
+        await asyncio.wait((working, stopping), return_when=asyncio.FIRST_COMPLETED)
+        if working.done():
+            working.result()
+        return not working.done()
+    finally:
+        working.cancel()
+        stopping.cancel()
+        await asyncio.gather(working, stopping, return_exceptions=True)
 
 
 async def _with_stop(main: Callable[[asyncio.Event], Awaitable[None]]) -> None:

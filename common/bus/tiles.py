@@ -8,6 +8,7 @@ from typing import Any
 
 from common.bus.bus import Bus
 from common.errors import QueryFailed
+from common.grid.versions import life_of
 from common.wire import Cover, Covers, Tile, TilePage
 from common.wire.limits import MAX_PAGE_BYTES
 
@@ -22,6 +23,8 @@ class Delta:
     resolution: float
     version: int
     tiles: list[Tile]
+    whole: bool
+    """these are all tiles of the map: what is held of it beside them is out of date"""
     covers: Covers
     final: bool
     world_epoch: int
@@ -32,21 +35,26 @@ class Delta:
 async def fetch_tiles(bus: Bus, key: str, since: int = 0, *, kind: str = "counts", timeout_s: float = 10.0) -> Delta:
     """What changed at `key` after version `since`. Raises QueryFailed when its owner does not give it.
 
-    Raises it also when the world epoch changes between two pages: the tiles would be of two worlds.
+    Raises it also when the map is begun anew or changes its lattice between two pages: the tiles would be of two maps.
     """
     tiles: list[Tile] = []
     last: TilePage | None = None
     async for page in bus.pages(key, {"since": since, "kind": kind}, timeout_s=timeout_s):
         if not isinstance(page, TilePage):
             raise QueryFailed(f"answered {type(page).__name__}, not TilePage", key)
-        if last is not None and page.world_epoch != last.world_epoch:
-            raise QueryFailed("the world epoch changed while fetching; fetch again", key)
+        if last is not None and _identity(page) != _identity(last):
+            raise QueryFailed("the map was begun anew while fetching; fetch again", key)
         tiles += page.tiles
         last = page
     if last is None:
         raise QueryFailed("no page came", key)
     size = sum(len(tile.data) for tile in tiles)
-    return Delta(last.resolution, last.version, tiles, last.covers, last.final, last.world_epoch, size)
+    whole = since == 0 or life_of(since) != life_of(last.version)
+    return Delta(last.resolution, last.version, tiles, whole, last.covers, last.final, last.world_epoch, size)
+
+
+def _identity(page: TilePage) -> tuple[int, float, int]:
+    return life_of(page.version), page.resolution, page.world_epoch
 
 
 def tile_page(

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from common.errors import UsageError
 from common.grid.grid import TileKey
+from common.grid.versions import life_of
 
 TileData = tuple[int, int, int, bytes]
 """x, y, version, encoded cells"""
@@ -31,10 +32,15 @@ class Page:
 def page(tiled: Tiled, since: int, cursor: str, limit_bytes: int, encode: Callable[[Any], bytes]) -> Page:
     """Tiles changed after version `since`, after `cursor` ("" for the first page), up to about `limit_bytes`.
 
-    A `since` above the present version is from an earlier life of the map: everything is sent. Raises UsageError
-    for a cursor that is none.
+    A `since` of another life of the map (see versions.py) has the whole map sent. Raises UsageError for a cursor that
+    is none, or that is of another life: pages of two maps must not be put together.
     """
-    start = parse_cursor(cursor) if cursor else (since if since <= tiled.version else 0, (1 << 62, 0))
+    if cursor:
+        start = parse_cursor(cursor)
+        if life_of(start[0]) != life_of(tiled.version):
+            raise UsageError("the map has been begun anew since the page before: fetch it again from the first page")
+    else:
+        start = (since if life_of(since) == life_of(tiled.version) else 0, (1 << 62, 0))
     order = sorted((version, key) for key, version in tiled.changed.items() if (version, key) > start)
     tiles: list[TileData] = []
     size = 0

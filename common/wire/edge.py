@@ -114,6 +114,8 @@ class Claims(Message):
 
     edge: Name
     claims: dict[Name, Epoch]
+    epoch: Epoch = (0, 0)
+    """of the latest routing table that it has taken"""
 
 
 class InstanceStatus(Part):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,6 +22,7 @@ from common.grid.compose import compose_into
 from common.grid.paging import page
 from common.grid.raster import Raster
 from common.grid.tiles import decode_counts, decode_occupancy, encode_counts
+from common.grid.versions import first_version
 from common.wire import FixedPose, PairVerdict, Placed, PoseTuple, Transforms, Verdicts, decode, encode
 
 STEADY_M, STEADY_RAD = 0.02, 0.002
@@ -32,8 +34,8 @@ class MergeHost:
 
     def __init__(self) -> None:
         self._pairs = PairTable()
-        self._sketches: dict[str, Raster] = {}
-        self._parts: dict[str, Grid] = {}
+        self._parts: dict[str, tuple[int, Grid]] = {}
+        """edge → version and edge map"""
         self._product: Grid | None = None
 
     def configure(self, settings: dict[str, Any]) -> None:
@@ -45,28 +47,27 @@ class MergeHost:
         warmup()
 
     def put_sketch(
-        self, robot: str, resolution: float, version: int, final: bool, tiles: list[tuple[int, int, bytes]], fresh: bool
+        self, robot: str, resolution: float, version: int, final: bool, tiles: list[tuple[int, int, bytes]]
     ) -> int:
-        """Changed tiles of a robot's sketch; `version` is that of its map. Gives the number of known cells."""
-        raster = self._sketches.get(robot)
-        if raster is None or fresh:
-            raster = self._sketches[robot] = Raster(resolution)
+        """The whole sketch of a robot's map of this version. Gives the number of known cells."""
+        raster = Raster(resolution)
         raster.replace(((x, y), decode_occupancy(data, robot)) for x, y, data in tiles)
-        cells, origin = raster.dense()
-        map_ = MatchMap.of(cells, origin, resolution)
+        map_ = MatchMap.of(*raster.dense(), resolution)
         self._pairs.put(robot, map_, version, final)
         return map_.known_cells
 
     def forget(self, robot: str) -> None:
-        self._sketches.pop(robot, None)
         self._pairs.forget(robot)
 
-    def put_part(self, edge: str, resolution: float, tiles: list[tuple[int, int, bytes]], fresh: bool) -> None:
-        """Changed tiles of an edge map."""
-        grid = self._parts.get(edge)
-        if grid is None or fresh or grid.resolution != resolution:
-            grid = self._parts[edge] = Grid(resolution)
-        grid.replace(((x, y), decode_counts(data, edge)) for x, y, data in tiles)
+    def put_part(
+        self, edge: str, resolution: float, version: int, tiles: list[tuple[int, int, bytes]], whole: bool
+    ) -> None:
+        """Tiles of an edge map, which then is this version; `whole`: all there are, otherwise what has changed."""
+        _, grid = self._parts.get(edge, (0, None))
+        if grid is None or whole or grid.resolution != resolution:
+            grid = Grid(resolution)
+        grid.replace([((x, y), decode_counts(data, edge)) for x, y, data in tiles])
+        self._parts[edge] = version, grid
 
     def solve(
         self,
@@ -75,9 +76,11 @@ class MergeHost:
         verdicts: bytes,
         final: bool,
         previous: bytes | None,
+        above: int,
         starts: dict[str, PoseTuple],
     ) -> dict[str, Any]:
-        """Encoded Transforms of the world and encoded Verdicts of the pairs decided here."""
+        """Encoded Transforms of the world, of an epoch higher than `above` if they are new, and encoded Verdicts of the
+        pairs decided here."""
         begin = time.perf_counter()
         known = [robot for robot in robots if robot in self._pairs.known]
         self._pairs.decide((a, b) for a, b in pairs)
@@ -88,7 +91,7 @@ class MergeHost:
         old = before if isinstance(before, Transforms) else None
         anchors = {} if final or old is None else {name: each.transform.pose() for name, each in old.robots.items()}
         solved = solve(known, measurements(every), starts=starts, anchors=anchors)
-        transforms = self._world(solved, final, old)
+        transforms = self._world(solved, final, old, above)
         return {
             "transforms": encode(transforms),
             "verdicts": encode(Verdicts(owner="cloud", pairs=tuple(own))),
@@ -96,13 +99,19 @@ class MergeHost:
             "checks": self._pairs.checks,
         }
 
-    def compose(self, edges: list[str]) -> dict[str, Any]:
-        """Add the maps of these edges; gives the version and digest of the sum."""
+    def compose(self, versions: dict[str, int]) -> dict[str, Any]:
+        """Add the maps of these edges; gives the version and digest of the sum.
+
+        Raises UsageError when another version is held: what the sum is said to contain would not be in it.
+        """
         begin = time.perf_counter()
-        parts = [self._parts[edge] for edge in edges if edge in self._parts]
+        other = sorted(edge for edge, version in versions.items() if self._parts.get(edge, (None,))[0] != version)
+        if other:
+            raise UsageError(f"newer maps have come meanwhile of {', '.join(other)}; compose again")
+        parts = [self._parts[edge][1] for edge in sorted(versions)]
         resolution = parts[0].resolution if parts else 0.05
         if self._product is None or self._product.resolution != resolution:
-            self._product = Grid(resolution)
+            self._product = Grid(resolution, version=first_version(secrets.randbits(32)))
         compose_into(self._product, parts)
         return {
             "version": self._product.version,
@@ -123,8 +132,8 @@ class MergeHost:
             "resolution": self._product.resolution,
         }
 
-    def export(self, path: str) -> None:
-        """Write the global map as map_server yaml + pgm and as PNG; `path` without ending."""
+    def export(self, folder: str) -> None:
+        """Write the global map into the folder, as map_server yaml + pgm and as PNG."""
         from common.formats.map_server import write_map
         from common.formats.picture import write_png
 
@@ -133,10 +142,12 @@ class MergeHost:
         cells, (x, y) = self._product.occupancy()
         resolution = self._product.resolution
         origin = (x * resolution, y * resolution, 0.0)
-        write_map(Path(path), cells, resolution, origin)
-        write_png(Path(path).with_suffix(".png"), cells, resolution, origin)
+        path = Path(folder) / "global_map"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_map(path, cells, resolution, origin)
+        write_png(path.with_suffix(".png"), cells, resolution, origin)
 
-    def _world(self, solved: list[Solved], final: bool, old: Transforms | None) -> Transforms:
+    def _world(self, solved: list[Solved], final: bool, old: Transforms | None, above: int) -> Transforms:
         boxes = {
             each.id: bounds((self._pairs.known[name].map, each.transforms[name]) for name in each.robots)
             for each in solved
@@ -154,7 +165,7 @@ class MergeHost:
         }
         resolution = min((each.map.resolution for each in self._pairs.known.values()), default=0.05)
         fresh = Transforms(
-            world_epoch=(old.world_epoch if old is not None else 0) + 1,
+            world_epoch=max(above, old.world_epoch if old is not None else 0) + 1,
             final=final,
             resolution=resolution,
             robots=placed,

@@ -11,7 +11,9 @@ from typing import Any
 from common.bus import Bus, keys
 from common.bus.tiles import TILE_BYTES, fetch_tiles, tile_page
 from common.config import Fleet
-from common.errors import PeerError, WorkerDied
+from common.errors import PeerError, QueryFailed, WorkerDied
+from common.grid.versions import count_of
+from common.service import Stopped, until_stopped
 from common.telemetry import process_stats
 from common.wire import (
     CloudStatus,
@@ -29,7 +31,7 @@ from common.wire import (
     encode,
 )
 from common.workers import Worker, WorkerError
-from services.cloud_merger import state as merging
+from services.cloud_merger import events as merging
 from services.cloud_merger.state import CloudState
 from services.cloud_merger.trace import trace
 
@@ -56,30 +58,33 @@ class CloudMerger:
 
     async def run(self) -> None:
         try:
-            await self._start_worker()
-            await self._bus.serve(keys.CLOUD_MAP, self._tiles)
-            await self._bus.declare_alive(keys.CLOUD_ALIVE)
+            if await until_stopped(self._open(), self._stop):
+                return
             log.info("ready")
             async with self._tasks as tasks:
-                heard = [
+                for key in (
                     keys.SCHEDULER_ROUTES,
                     keys.edge_robot_map(keys.ANY, keys.ANY),
                     keys.edge_map(keys.ANY),
                     keys.edge_verdicts(keys.ANY),
                     keys.robot_status(keys.ANY),
                     keys.robot_profile(keys.ANY),
-                ]
-                running = [tasks.create_task(self._hear(key), name=f"hear {key}") for key in heard]
-                running.append(tasks.create_task(self._tick(), name="tick"))
-                running.append(tasks.create_task(self._report(), name="status"))
+                ):
+                    tasks.create_task(self._hear(key), name=f"hear {key}")
+                tasks.create_task(self._tick(), name="tick")
+                tasks.create_task(self._report(), name="status")
                 await self._stop.wait()
-                for task in running:
-                    task.cancel()
-                if self._worker is not None:
-                    await self._worker.close()
+                raise Stopped
+        except* Stopped:
+            pass
         finally:
             if self._worker is not None:
                 await self._worker.close()
+
+    async def _open(self) -> None:
+        await self._start_worker()
+        await self._bus.serve(keys.CLOUD_MAP, self._tiles)
+        await self._bus.declare_alive(keys.CLOUD_ALIVE)
 
     # Events in
 
@@ -112,7 +117,7 @@ class CloudMerger:
                 case merging.FetchSketch():
                     self._start(self._fetch_sketch(step), f"sketch of {step.notice.robot}")
                 case merging.FetchPart():
-                    self._start(self._fetch_part(step), f"map of {step.edge}")
+                    self._start(self._fetch_part(step), f"map of {step.notice.edge}")
                 case merging.Forget(robot):
                     self._start(self._forget(robot), f"forget {robot}")
                 case merging.Solve():
@@ -135,37 +140,35 @@ class CloudMerger:
         key = keys.edge_robot_map(notice.edge, notice.robot)
         try:
             delta = await fetch_tiles(self._bus, key, kind="occupancy")
-            tiles = [(tile.x, tile.y, tile.data) for tile in delta.tiles]
+            if notice.final and not delta.final:
+                raise QueryFailed("the map is not final any more; another notice will come", key)
             await self._call(
                 "put_sketch",
                 robot=notice.robot,
                 resolution=delta.resolution,
                 version=notice.version,
                 final=notice.final,
-                tiles=tiles,
-                fresh=True,
+                tiles=[(tile.x, tile.y, tile.data) for tile in delta.tiles],
             )
         except (PeerError, WorkerError) as error:
             self._problem(f"sketch of {notice.robot} from {notice.edge}: {error}")
-            self._feed(merging.FetchFailed(f"robot/{notice.robot}"))
+            self._feed(merging.FetchFailed(step))
             return
-        self._feed(merging.SketchFetched(notice))
+        self._feed(merging.SketchFetched(step))
 
     async def _fetch_part(self, step: merging.FetchPart) -> None:
-        begin = asyncio.get_running_loop().time()
-        part = self.state.parts.get(step.edge)
-        since = 0 if step.fresh or part is None else part.version
+        begin, edge = asyncio.get_running_loop().time(), step.notice.edge
         try:
-            delta = await fetch_tiles(self._bus, keys.edge_map(step.edge), since)
+            delta = await fetch_tiles(self._bus, keys.edge_map(edge), step.since)
             tiles = [(tile.x, tile.y, tile.data) for tile in delta.tiles]
-            await self._call("put_part", edge=step.edge, resolution=delta.resolution, tiles=tiles, fresh=since == 0)
+            part = {"resolution": delta.resolution, "version": delta.version, "whole": delta.whole}
+            await self._call("put_part", edge=edge, tiles=tiles, **part)
         except (PeerError, WorkerError) as error:
-            log.debug("edge map not fetched", extra={"edge": step.edge, "reason": error})
-            self._feed(merging.FetchFailed(f"edge/{step.edge}"))
+            log.debug("edge map not fetched", extra={"edge": edge, "reason": error})
+            self._feed(merging.FetchFailed(step))
             return
-        self._transfers[step.edge] = asyncio.get_running_loop().time() - begin
-        self._stages["transfer"] = self._transfers[step.edge]
-        self._feed(merging.PartFetched(step.edge, delta.version, delta.world_epoch, delta.covers, delta.final))
+        self._transfers[edge] = self._stages["transfer"] = asyncio.get_running_loop().time() - begin
+        self._feed(merging.PartFetched(step, delta.version, delta.world_epoch, delta.covers, delta.final))
 
     async def _forget(self, robot: str) -> None:
         await self._call("forget", robot=robot)
@@ -179,6 +182,7 @@ class CloudMerger:
                 verdicts=encode(Verdicts(owner="edges", pairs=step.verdicts)),
                 final=step.final,
                 previous=encode(step.previous) if step.previous is not None else None,
+                above=step.above,
                 starts={robot: pose for robot, pose in self._starts.items() if robot in step.robots},
             )
         except WorkerError as error:
@@ -197,15 +201,20 @@ class CloudMerger:
 
     async def _compose(self, step: merging.Compose) -> None:
         try:
-            done = await self._call("compose", edges=list(step.edges))
-            await self._show(step, done)
-            if step.final and self._fleet.cloud.out is not None:
-                self._fleet.cloud.out.mkdir(parents=True, exist_ok=True)
-                await self._call("export", path=str(self._fleet.cloud.out.resolve() / "global_map"))
-                log.info("final map exported", extra={"folder": self._fleet.cloud.out})
-        except (WorkerError, OSError) as error:
+            done = await self._call("compose", versions=dict(step.versions))
+        except WorkerError as error:
             self._problem(f"compose: {error}")
-        self._feed(merging.Composed())
+            self._feed(merging.Composed(well=False))
+            return
+        out = self._fleet.cloud.out
+        if step.final and out is not None:  # before anybody is told that the map is final
+            try:
+                await self._call("export", folder=str(out))
+                log.info("final map exported", extra={"folder": out})
+            except WorkerError as error:
+                self._problem(f"cloud.out {out}: {error}")
+        await self._show(step, done)
+        self._feed(merging.Composed(well=True))
 
     async def _show(self, step: merging.Compose, done: Mapping[str, Any]) -> None:
         self._stages["fuse"] = done["seconds"] + self._stages.get("solve", 0.0)
@@ -219,20 +228,13 @@ class CloudMerger:
             components=step.world.components,
             covers=step.covers,
             trace=trace(
-                step.edges, self.state.edge_maps, robot_maps, self._statuses, self._transfers, self._stages["fuse"]
+                step.versions, self.state.edge_maps, robot_maps, self._statuses, self._transfers, self._stages["fuse"]
             ),
         )
         self._shown = notice
         await self._bus.latch(keys.CLOUD_MAP, notice)
-        log.info(
-            "global map",
-            extra={
-                "version": notice.version,
-                "robots": len(notice.covers),
-                "components": len(notice.components),
-                "final": notice.final,
-            },
-        )
+        contents = {"robots": len(notice.covers), "components": len(notice.components), "final": notice.final}
+        log.info("global map", extra={"version": count_of(notice.version), **contents})
 
     async def _tiles(self, key: str, params: Mapping[str, str]) -> Message:
         shown = self._shown
@@ -285,8 +287,7 @@ class CloudMerger:
         old = self.state
         await self._start_worker()
         self.state = CloudState(old.expected, old.epoch, old.members, old.notices, verdicts=old.verdicts)
-        self.state.edge_maps, self.state.world = old.edge_maps, old.world
-        self.state.counters = old.counters
+        self.state.edge_maps, self.state.world, self.state.counters = old.edge_maps, old.world, old.counters
         self._feed(merging.Tick())
 
 

@@ -12,131 +12,34 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from common.fusion.pairs import Pair, all_pairs, complete
-from common.wire import Covers, EdgeMapNotice, Epoch, MapNotice, PairVerdict, Routes, Transforms, Verdicts
-
-
-@dataclass(frozen=True)
-class Routed:
-    routes: Routes
-
-
-@dataclass(frozen=True)
-class MapNoticed:
-    notice: MapNotice
-
-
-@dataclass(frozen=True)
-class EdgeMapNoticed:
-    notice: EdgeMapNotice
-
-
-@dataclass(frozen=True)
-class VerdictsCame:
-    edge: str
-    verdicts: Verdicts
-
-
-@dataclass(frozen=True)
-class SketchFetched:
-    """A robot's sketch is held at least at the version of this notice."""
-
-    notice: MapNotice
-
-
-@dataclass(frozen=True)
-class PartFetched:
-    """An edge map is held."""
-
-    edge: str
-    version: int
-    world_epoch: int
-    covers: Covers
-    final: bool
-
-
-@dataclass(frozen=True)
-class FetchFailed:
-    what: str
-    """robot/<rid> or edge/<eid>"""
-
-
-@dataclass(frozen=True)
-class Solved:
-    """A solve has ended; None when it failed."""
-
-    transforms: Transforms | None
-
-
-@dataclass(frozen=True)
-class Composed:
-    """A composition has ended."""
-
-
-@dataclass(frozen=True)
-class Tick:
-    """Every `merge_every_s`."""
-
-
-Event = (
-    Routed
-    | MapNoticed
-    | EdgeMapNoticed
-    | VerdictsCame
-    | SketchFetched
-    | PartFetched
-    | FetchFailed
-    | Solved
-    | Composed
-    | Tick
+from common.wire import Covers, EdgeMapNotice, Epoch, MapNotice, PairVerdict, Routes, Transforms
+from services.cloud_merger.events import (
+    Compose,
+    Composed,
+    EdgeMapNoticed,
+    Event,
+    FetchFailed,
+    FetchPart,
+    FetchSketch,
+    Forget,
+    Instruction,
+    MapNoticed,
+    PartFetched,
+    Routed,
+    SketchFetched,
+    Solve,
+    Solved,
+    Tick,
+    VerdictsCame,
 )
-
-
-@dataclass(frozen=True)
-class FetchSketch:
-    notice: MapNotice
-    fresh: bool
-    """forget what is held of this robot first"""
-
-
-@dataclass(frozen=True)
-class FetchPart:
-    edge: str
-    fresh: bool
-
-
-@dataclass(frozen=True)
-class Forget:
-    robot: str
-
-
-@dataclass(frozen=True)
-class Solve:
-    """Decide `pairs` here, take the edges' verdicts for the others, solve the world."""
-
-    robots: tuple[str, ...]
-    pairs: tuple[Pair, ...]
-    verdicts: tuple[PairVerdict, ...]
-    final: bool
-    previous: Transforms | None
-
-
-@dataclass(frozen=True)
-class Compose:
-    """Add the maps of these edges."""
-
-    edges: tuple[str, ...]
-    world: Transforms
-    covers: Covers
-    final: bool
-
-
-Instruction = FetchSketch | FetchPart | Forget | Solve | Compose
 
 
 @dataclass(frozen=True)
 class Part:
     """An edge map as it lies in the merging process."""
 
+    notice: EdgeMapNotice
+    """what it was fetched after; what came may be newer"""
     version: int
     world_epoch: int
     covers: Covers
@@ -161,7 +64,8 @@ class CloudState:
     world: Transforms | None = None
     settled: dict[str, int] | None = None
     """versions from which the final world was solved"""
-    fetching: set[str] = field(default_factory=set)
+    fetching: dict[str, FetchSketch | FetchPart] = field(default_factory=dict)
+    """robot/<rid> or edge/<eid> → the fetch under way"""
     solving: bool = False
     composing: bool = False
     changed: bool = False
@@ -181,24 +85,24 @@ class CloudState:
                 self.edge_maps[notice.edge] = notice
                 return self._fetch_part(notice.edge) if notice.final else []
             case VerdictsCame(edge, verdicts):
-                self.verdicts[edge] = {(each.a, each.b): each for each in verdicts.pairs}
-                self.changed = True
+                pairs = {(each.a, each.b): each for each in verdicts.pairs}
+                self.changed = self.changed or pairs != self.verdicts.get(edge)
+                self.verdicts[edge] = pairs
                 return self._solve() if self.ready_to_settle() else []
-            case SketchFetched(notice):
-                return self._sketch_fetched(notice)
-            case PartFetched(edge, version, world_epoch, covers, final):
-                self.fetching.discard(f"edge/{edge}")
-                self.parts[edge] = Part(version, world_epoch, covers, final)
-                return [*self._compose(), *self._fetch_part(edge)]
-            case FetchFailed(what):
-                self.fetching.discard(what)
-                self.counters["fetches failed"] += 1
+            case SketchFetched(fetch):
+                return self._sketch_fetched(fetch)
+            case PartFetched():
+                return self._part_fetched(event)
+            case FetchFailed(fetch):
+                if self._ended(fetch):
+                    self.counters["fetches failed"] += 1
                 return []
             case Solved(transforms):
                 return self._solved(transforms)
-            case Composed():
+            case Composed(well):
                 self.composing = False
-                return self._compose()
+                self.composed = self.composed if well else ()
+                return self._compose() if well else []
             case Tick():
                 fetches = [step for robot in sorted(self.members) for step in self._fetch_sketch(robot)]
                 parts = [step for edge in self.fusing_edges() for step in self._fetch_part(edge)]
@@ -259,36 +163,46 @@ class CloudState:
     def _fused_at(self, edge: str) -> list[str]:
         return sorted(robot for robot, (_, fuser, _) in self.members.items() if fuser == edge)
 
-    def _fetch_sketch(self, robot: str) -> list[Instruction]:
-        notice, held = self._current(robot), self.sketches.get(robot)
-        if notice is None or f"robot/{robot}" in self.fetching or notice == held:
-            return []
-        self.fetching.add(f"robot/{robot}")
-        fresh = held is None or held.edge != notice.edge or held.version > notice.version
-        return [FetchSketch(notice, fresh)]
+    def _ended(self, fetch: FetchSketch | FetchPart) -> bool:
+        """Whether the fetch is the one under way; it is no more then."""
+        name = _name(fetch)
+        if self.fetching.get(name) is not fetch:
+            return False
+        del self.fetching[name]
+        return True
 
-    def _sketch_fetched(self, notice: MapNotice) -> list[Instruction]:
-        self.fetching.discard(f"robot/{notice.robot}")
-        if notice.robot not in self.members:
-            return [Forget(notice.robot)]
-        self.sketches[notice.robot] = notice
+    def _fetch(self, fetch: FetchSketch | FetchPart) -> list[Instruction]:
+        if _name(fetch) in self.fetching:
+            return []
+        self.fetching[_name(fetch)] = fetch
+        return [fetch]
+
+    def _fetch_sketch(self, robot: str) -> list[Instruction]:
+        notice = self._current(robot)
+        return [] if notice is None or notice == self.sketches.get(robot) else self._fetch(FetchSketch(notice))
+
+    def _sketch_fetched(self, fetch: FetchSketch) -> list[Instruction]:
+        robot = fetch.notice.robot
+        if not self._ended(fetch):
+            return []
+        if robot not in self.members:
+            return [Forget(robot)]
+        self.sketches[robot] = fetch.notice
         self.changed = True
-        return [*self._fetch_sketch(notice.robot), *(self._solve() if self.ready_to_settle() else [])]
+        return [*self._fetch_sketch(robot), *(self._solve() if self.ready_to_settle() else [])]
 
     def _fetch_part(self, edge: str) -> list[Instruction]:
         notice, part = self.edge_maps.get(edge), self.parts.get(edge)
-        if notice is None or f"edge/{edge}" in self.fetching or notice.world_epoch == 0:
+        if notice is None or notice.world_epoch == 0 or (part is not None and part.notice == notice):
             return []
-        same = part is not None and (part.version, part.world_epoch, part.covers, part.final) == (
-            notice.version,
-            notice.world_epoch,
-            notice.covers,
-            notice.final,
-        )
-        if same:
+        return self._fetch(FetchPart(notice, part.version if part is not None else 0))
+
+    def _part_fetched(self, event: PartFetched) -> list[Instruction]:
+        edge = event.fetch.notice.edge
+        if not self._ended(event.fetch):
             return []
-        self.fetching.add(f"edge/{edge}")
-        return [FetchPart(edge, part is None or part.version > notice.version)]
+        self.parts[edge] = Part(event.fetch.notice, event.version, event.world_epoch, event.covers, event.final)
+        return [*self._compose(), *self._fetch_part(edge)]
 
     def _solve(self) -> list[Instruction]:
         final = self.ready_to_settle()
@@ -309,7 +223,8 @@ class CloudState:
             if pair in by_edges
         )
         pairs = tuple(pair for pair in all_pairs(robots) if pair not in by_edges)
-        return [Solve(robots, pairs, known, final, self.world)]
+        above = max([notice.world_epoch for notice in self.edge_maps.values()], default=0)
+        return [Solve(robots, pairs, known, final, self.world, above)]
 
     def _solved(self, transforms: Transforms | None) -> list[Instruction]:
         self.solving = False
@@ -336,16 +251,23 @@ class CloudState:
             if set(part) & set(covers) or not set(part) <= set(self._fused_at(edge)):
                 return []  # a robot is moving between edges: the next version of both says where it is
             covers |= part
-        final = (
-            self.world.final
-            and bool(covers)
-            and all(self.parts[edge].final for edge in edges)
-            and set(covers) == set(self.members)
-        )
+        final = self.world.final and bool(covers) and all(self.parts[edge].final for edge in edges)
+        final = final and covers == self._final_covers()
         if self.world.final and not final:
             return []  # never show less than the final map while its parts come in
-        makeup = (self.world.world_epoch, final, tuple((edge, self.parts[edge].version) for edge in edges))
+        versions = {edge: self.parts[edge].version for edge in edges}
+        makeup = (self.world.world_epoch, final, versions)
         if makeup == self.composed or not covers:
             return []
         self.composing, self.composed = True, makeup
-        return [Compose(edges, self.world, covers, final)]
+        return [Compose(versions, self.world, covers, final)]
+
+    def _final_covers(self) -> Covers:
+        """What the final map must contain: all of every robot, made under its present epoch."""
+        current = {robot: self._current(robot) for robot in self.members}
+        return {robot: notice.cover for robot, notice in current.items() if notice is not None}
+
+
+def _name(fetch: FetchSketch | FetchPart) -> str:
+    notice = fetch.notice
+    return f"robot/{notice.robot}" if isinstance(notice, MapNotice) else f"edge/{notice.edge}"

@@ -13,6 +13,7 @@ from rich.live import Live
 from rich.table import Table
 
 from common.bus import Bus, keys
+from common.grid.versions import count_of
 from common.wire import GlobalMapNotice, RobotStatus
 
 REDRAW_S = 0.5
@@ -54,7 +55,7 @@ class Progress:
         if self.map is None:
             return "no map yet"
         count = len(self.map.components)
-        final = "final map" if self.map.final else f"map {self.map.version}"
+        final = "final map" if self.map.final else f"map {count_of(self.map.version)}"
         return f"{final} of {len(self.map.covers)} robots in {count} component{'' if count == 1 else 's'}"
 
 

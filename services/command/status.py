@@ -8,6 +8,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from common.bus import Bus, keys
+from common.grid.versions import count_of
 from common.wire import GlobalMapNotice
 from common.wire.codec import plain
 from services.command import collect
@@ -81,4 +82,4 @@ def _lines(statuses: Statuses, notice: GlobalMapNotice | None) -> list[str]:
         return [*lines, "map: none yet" if statuses.cloud else "cloud: not there"]
     parts = "; ".join(", ".join(component.robots) for component in notice.components)
     final = "final" if notice.final else "not final"
-    return [*lines, f"map {notice.version}, {final}, {len(notice.components)} component(s): {parts}"]
+    return [*lines, f"map {count_of(notice.version)}, {final}, {len(notice.components)} component(s): {parts}"]

@@ -1,13 +1,12 @@
 """What an edge worker decides about preparative fusion: whose maps it fetches, and when it fuses.
 
 The routing table names the robots whose maps are fused here; their SLAM may run on other edges. A map is fetched when
-its version is newer than what is held, from the edge that runs the robot *now*. Fusion runs when something has
-changed, one at a time, and again when something changed meanwhile.
+another notice of it has come than the one that the last fetch followed, from the edge that runs the robot *now*.
+Fusion runs when something has changed, one at a time, and again when something changed meanwhile.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from common.wire import Cover, Epoch, MapNotice, Routes, Transforms
@@ -32,8 +31,9 @@ class WorldSeen:
 
 @dataclass(frozen=True)
 class Fetched:
-    robot: str
-    edge: str
+    """A robot map lies in the fusion worker, as its edge showed it when it was asked."""
+
+    fetch: Fetch
     version: int
     cover: Cover | None
     final: bool
@@ -41,12 +41,14 @@ class Fetched:
 
 @dataclass(frozen=True)
 class FetchFailed:
-    robot: str
+    fetch: Fetch
 
 
 @dataclass(frozen=True)
 class Fused:
-    """A fusion has ended, well or not."""
+    """A fusion has ended; one that failed is tried again at the next tick."""
+
+    well: bool
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,9 @@ Event = Routed | MapNoticed | WorldSeen | Fetched | FetchFailed | Fused | Tick
 
 @dataclass(frozen=True)
 class Fetch:
-    robot: str
-    edge: str
+    """Fetch what the notice tells of, and put it on top of what is held since that version (0: nothing is)."""
+
+    notice: MapNotice
     since: int
 
 
@@ -73,10 +76,12 @@ class Forget:
 
 @dataclass(frozen=True)
 class Fuse:
-    """Fuse the maps held, on the lattice of the world if the transforms of it are known."""
+    """Fuse these maps, on the lattice of the world if the transforms of it are known."""
 
     robots: tuple[str, ...]
     world: Transforms | None
+    whole: bool
+    """these are all robots that are fused here"""
 
 
 Instruction = Fetch | Forget | Fuse
@@ -86,10 +91,9 @@ Instruction = Fetch | Forget | Fuse
 class Held:
     """A robot map as it lies in the fusion worker."""
 
-    edge: str
-    epoch: Epoch
+    notice: MapNotice
+    """what it was fetched after; what came may be newer"""
     version: int
-    cover: Cover | None
     final: bool
 
 
@@ -104,7 +108,7 @@ class FusingState:
     notices: dict[tuple[str, str], MapNotice] = field(default_factory=dict)
     """(robot, edge) → latest"""
     held: dict[str, Held] = field(default_factory=dict)
-    fetching: set[str] = field(default_factory=set)
+    fetching: dict[str, Fetch] = field(default_factory=dict)
     world: Transforms | None = None
     busy: bool = False
     changed: bool = False
@@ -121,11 +125,13 @@ class FusingState:
                 return self._fuse() if transforms.final else []
             case Fetched():
                 return self._fetched(event)
-            case FetchFailed(robot):
-                self.fetching.discard(robot)
-            case Fused():
+            case FetchFailed(fetch):
+                if self.fetching.get(fetch.notice.robot) is fetch:
+                    del self.fetching[fetch.notice.robot]
+            case Fused(well):
                 self.busy = False
-                return self._fuse() if self.all_final() else []
+                self.changed = self.changed or not well
+                return self._fuse() if well and self.all_final() else []
             case Tick():
                 return [*self._fetch_all(), *self._fuse()]
         return []
@@ -134,14 +140,12 @@ class FusingState:
         """Every member's map is held in its final version."""
         return bool(self.members) and all(robot in self.held and self.held[robot].final for robot in self.members)
 
-    def covers(self, robots: Mapping[str, object]) -> dict[str, Cover]:
-        """What an edge map of these robots contains."""
-        return {robot: cover for robot in robots if robot in self.held and (cover := self.held[robot].cover)}
-
     def validate(self) -> None:
         """Raises AssertionError when an invariant does not hold."""
         assert set(self.held) <= set(self.members), "a map is held that is not fused here"
-        assert self.fetching <= set(self.members)
+        assert set(self.fetching) <= set(self.members)
+        for robot, held in self.held.items():
+            assert (held.notice.edge, held.notice.epoch) == self.members[robot], "a map of an earlier owner is held"
 
     def _routed(self, routes: Routes) -> list[Instruction]:
         if routes.epoch < self.epoch:
@@ -152,18 +156,15 @@ class FusingState:
             for robot, route in routes.routes.items()
             if route.fuse_edge == self.edge
         }
-        stale = [
-            robot
-            for robot, held in self.held.items()
-            if robot not in members or (held.edge, held.epoch) != members[robot]
-        ]
-        for robot in stale:
-            del self.held[robot]
-        if stale or set(members) != set(self.members):
+        changed = {robot for robot, owner in self.members.items() if members.get(robot) != owner}
+        stale = sorted(changed & set(self.held))
+        for robot in changed:
+            self.held.pop(robot, None)
+            self.fetching.pop(robot, None)
+        if members != self.members:
             self.changed = True
         self.members = members
-        self.fetching &= set(members)
-        return [*(Forget(robot) for robot in sorted(stale)), *self._fetch_all()]
+        return [*(Forget(robot) for robot in stale), *self._fetch_all()]
 
     def _fetch_all(self) -> list[Instruction]:
         return [step for robot in sorted(self.members) for step in self._fetch(robot)]
@@ -176,31 +177,31 @@ class FusingState:
         notice, held = self.notices.get((robot, edge)), self.held.get(robot)
         if notice is None or notice.epoch != epoch or robot in self.fetching:
             return []
-        steps: list[Instruction] = []
-        if held is not None and held.version > notice.version:  # the instance was started again: a map of its own
-            del self.held[robot]
-            steps, held = [Forget(robot)], None
-        if held is not None and held.version == notice.version and held.final == notice.final:
+        if held is not None and held.notice == notice:
             return []
-        self.fetching.add(robot)
-        return [*steps, Fetch(robot, edge, held.version if held is not None else 0)]
+        step = Fetch(notice, held.version if held is not None else 0)
+        self.fetching[robot] = step
+        return [step]
 
     def _fetched(self, event: Fetched) -> list[Instruction]:
-        self.fetching.discard(event.robot)
-        edge, epoch = self.members.get(event.robot, ("", (0, 0)))
-        if event.edge != edge:  # re-routed meanwhile: what came is of another life
-            return [Forget(event.robot)]
-        self.held[event.robot] = Held(edge, epoch, event.version, event.cover, event.final)
+        robot = event.fetch.notice.robot
+        if self.fetching.get(robot) is not event.fetch:  # re-routed meanwhile: what came is of an earlier owner
+            return [Forget(robot)] if robot not in self.fetching and robot not in self.held else []
+        del self.fetching[robot]
+        if event.cover is None or event.cover.epoch != event.fetch.notice.epoch:
+            self.held.pop(robot, None)
+            return [Forget(robot)]  # the edge has taken the robot up anew: another notice will come
+        self.held[robot] = Held(event.fetch.notice, event.version, event.final)
         self.changed = True
-        return self._fuse() if self.all_final() else self._fetch(event.robot)
+        return self._fuse() if self.all_final() else self._fetch(robot)
 
     def _world_seen(self, transforms: Transforms) -> None:
-        if self.world is None or transforms.world_epoch != self.world.world_epoch:
+        if transforms != self.world:
             self.changed = True
         self.world = transforms
 
     def _fuse(self) -> list[Instruction]:
-        if self.busy or not self.changed or (not self.held and not self.members):
+        if self.busy or not self.changed:
             return []
         self.busy, self.changed = True, False
-        return [Fuse(tuple(sorted(self.held)), self.world)]
+        return [Fuse(tuple(sorted(self.held)), self.world, bool(self.members) and set(self.held) == set(self.members))]

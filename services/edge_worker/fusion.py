@@ -11,7 +11,7 @@ from common.bus import Bus, keys
 from common.bus.tiles import TILE_BYTES, fetch_tiles, tile_page
 from common.config import Fleet
 from common.errors import PeerError, WorkerDied
-from common.wire import Component, Covers, EdgeMapNotice, MapNotice, Message, Routes, Transforms, decode, encode
+from common.wire import Component, Cover, EdgeMapNotice, MapNotice, Message, Routes, Transforms, decode, encode
 from common.workers import Worker, WorkerError
 from services.edge_worker import fusing
 from services.edge_worker.fusing import FusingState
@@ -87,26 +87,28 @@ class Fusion:
 
     async def _fetch(self, step: fusing.Fetch) -> None:
         begin = asyncio.get_running_loop().time()
+        notice = step.notice
         try:
-            delta = await fetch_tiles(self._bus, keys.edge_robot_map(step.edge, step.robot), step.since)
-            tiles = [(tile.x, tile.y, tile.data) for tile in delta.tiles]
+            delta = await fetch_tiles(self._bus, keys.edge_robot_map(notice.edge, notice.robot), step.since)
+            cover = delta.covers.get(notice.robot)
             await self._call(
                 "put",
-                robot=step.robot,
+                robot=notice.robot,
                 resolution=delta.resolution,
                 version=delta.version,
                 final=delta.final,
-                tiles=tiles,
+                cover=cover.model_dump() if cover is not None else {},
+                tiles=[(tile.x, tile.y, tile.data) for tile in delta.tiles],
+                whole=delta.whole,
             )
         except (PeerError, WorkerError) as error:
             self.failures += 1
-            log.info("robot map not fetched", extra={"robot": step.robot, "edge": step.edge, "reason": error})
-            self._feed(fusing.FetchFailed(step.robot))
+            log.info("robot map not fetched", extra={"robot": notice.robot, "edge": notice.edge, "reason": error})
+            self._feed(fusing.FetchFailed(step))
             return
         self.bytes_in += delta.size
         self.stages["transfer"] = asyncio.get_running_loop().time() - begin
-        cover = delta.covers.get(step.robot)
-        self._feed(fusing.Fetched(step.robot, step.edge, delta.version, cover, delta.final))
+        self._feed(fusing.Fetched(step, delta.version, cover, delta.final))
 
     async def _fuse(self, step: fusing.Fuse) -> None:
         world = encode(step.world) if step.world is not None else None
@@ -115,23 +117,16 @@ class Fusion:
         except WorkerError as error:
             self.failures += 1
             log.error("fusion failed", extra={"edge": self._edge, "reason": error})
-            self._feed(fusing.Fused())
+            self._feed(fusing.Fused(well=False))
             return
         self.stages["fuse"] = done["seconds"]
-        verdicts = decode(done["verdicts"])
-        await self._bus.latch(keys.edge_verdicts(self._edge), verdicts)
+        await self._bus.latch(keys.edge_verdicts(self._edge), decode(done["verdicts"]))
         await self._show(step, done)
-        self._feed(fusing.Fused())
+        self._feed(fusing.Fused(well=True))
 
     async def _show(self, step: fusing.Fuse, done: Mapping[str, Any]) -> None:
-        """Publish the notice of the edge map, if it is another than last shown."""
-        covers: Covers = self.state.covers(dict.fromkeys(done["robots"]))
-        final = (
-            step.world is not None
-            and step.world.final
-            and self.state.all_final()
-            and set(covers) == set(self.state.members)
-        )
+        """Publish the notice of the edge map."""
+        covers = {robot: Cover.model_validate(cover) for robot, cover in done["covers"].items()}
         notice = EdgeMapNotice(
             edge=self._edge,
             version=done["version"],
@@ -139,7 +134,7 @@ class Fusion:
             resolution=done["resolution"],
             components=tuple(Component.model_validate(each) for each in done["components"]),
             covers=covers,
-            final=final,
+            final=step.whole and done["final"] and step.world is not None and step.world.final,
             fuse_s=self.stages.get("fuse", 0.0),
             transfer_s=self.stages.get("transfer", 0.0),
         )
@@ -174,6 +169,8 @@ class Fusion:
         if self._worker is not None:
             await self._worker.close()
         await self._start_worker()
+        while not self._steps.empty():  # of maps and fusions that died with the process
+            self._steps.get_nowait()
         members, notices, world, epoch = (
             self.state.members,
             self.state.notices,

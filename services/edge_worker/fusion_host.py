@@ -6,6 +6,7 @@ lattice of the world (or of the edge, before the cloud has placed it); the edge 
 
 from __future__ import annotations
 
+import secrets
 import time
 from typing import Any
 
@@ -21,6 +22,7 @@ from common.grid.compose import cap_votes, compose_into
 from common.grid.paging import page
 from common.grid.render import render
 from common.grid.tiles import decode_counts, encode_counts
+from common.grid.versions import first_version
 from common.wire import FixedPose, Transforms, Verdicts, decode, encode
 
 VOTES = 255
@@ -33,6 +35,7 @@ class FusionHost:
     def __init__(self) -> None:
         self._pairs = PairTable()
         self._maps: dict[str, Grid] = {}
+        self._covers: dict[str, dict[str, Any]] = {}
         self._rendered: dict[str, tuple[tuple[int, FixedPose, float], Grid]] = {}
         self._product: Grid | None = None
 
@@ -46,23 +49,32 @@ class FusionHost:
         warmup()
 
     def put(
-        self, robot: str, resolution: float, version: int, final: bool, tiles: list[tuple[int, int, bytes]]
+        self,
+        robot: str,
+        resolution: float,
+        version: int,
+        final: bool,
+        cover: dict[str, Any],
+        tiles: list[tuple[int, int, bytes]],
+        whole: bool,
     ) -> None:
-        """Changed tiles of a robot map, which then is this version."""
+        """Tiles of a robot map, which then is this version; `whole`: all there are, otherwise what has changed."""
         grid = self._maps.get(robot)
-        if grid is None or grid.resolution != resolution:
-            grid = self._maps[robot] = Grid(resolution)
-        grid.replace(((x, y), decode_counts(data, robot)) for x, y, data in tiles)
+        if grid is None or whole or grid.resolution != resolution:
+            grid = Grid(resolution)
+        grid.replace([((x, y), decode_counts(data, robot)) for x, y, data in tiles])
+        self._maps[robot], self._covers[robot] = grid, cover
         self._pairs.put(robot, MatchMap.from_grid(grid), version, final)
         self._rendered.pop(robot, None)
 
     def forget(self, robot: str) -> None:
         self._maps.pop(robot, None)
+        self._covers.pop(robot, None)
         self._rendered.pop(robot, None)
         self._pairs.forget(robot)
 
     def fuse(self, edge: str, robots: list[str], world: bytes | None) -> dict[str, Any]:
-        """Fuse the maps of `robots`; gives encoded Verdicts and the components, and what was rendered where."""
+        """Fuse the maps of `robots`; gives encoded Verdicts, the components, and what exactly is in the edge map."""
         begin = time.perf_counter()
         held = [robot for robot in robots if robot in self._maps]
         self._pairs.decide(all_pairs(held))
@@ -70,12 +82,13 @@ class FusionHost:
         solved = solve(held, measurements(verdicts))
         placed, epoch, resolution = self._placed(held, solved, world)
         if self._product is None or self._product.resolution != resolution:
-            self._product = Grid(resolution)
+            self._product = Grid(resolution, version=first_version(secrets.randbits(32)))
         compose_into(self._product, [self._render(robot, pose, resolution) for robot, pose in sorted(placed.items())])
         return {
             "verdicts": encode(Verdicts(owner=f"edge/{edge}", pairs=tuple(verdicts))),
             "components": [component(each).model_dump() for each in solved],
-            "robots": sorted(placed),
+            "covers": {robot: self._covers[robot] for robot in sorted(placed)},
+            "final": all(self._pairs.known[robot].final for robot in held) and sorted(placed) == sorted(robots),
             "version": self._product.version,
             "world_epoch": epoch,
             "resolution": resolution,

@@ -8,9 +8,11 @@ from collections.abc import Callable
 from typing import Any
 
 from common.errors import WorkerDied
-from common.workers import Worker
+from common.workers import Worker, WorkerError
 
 TARGET = "services.edge_worker.slam.host:SlamHost"
+
+RETRY_S = 1.0
 
 log = logging.getLogger(__name__)
 
@@ -74,15 +76,18 @@ class Pool:
             await worker.gone.wait()
             log.error("SLAM worker died", extra={"worker": number, "code": worker.process.returncode})
             self._workers[number] = await self._next_worker()
-            self._spare = asyncio.create_task(self._warm_worker(), name="spare worker")
+            if self._spare is None:
+                self._spare = asyncio.create_task(self._warm_worker(), name="spare worker")
             self._on_death(number)
 
     async def _next_worker(self) -> Worker:
-        if self._spare is not None:
+        """The spare, or another one; what cannot be started is tried again."""
+        while True:
+            spare, self._spare = self._spare, None
             try:
-                spare = await self._spare
-                if not spare.gone.is_set():
-                    return spare
-            except WorkerDied:
-                log.error("the spare SLAM worker died too")
-        return await self._warm_worker()
+                worker = await (spare or self._warm_worker())
+                if not worker.gone.is_set():
+                    return worker
+            except (WorkerDied, WorkerError, OSError) as error:
+                log.error("a SLAM worker did not come up; trying again", extra={"reason": error})
+                await asyncio.sleep(RETRY_S)

@@ -9,7 +9,7 @@ from typing import Any
 from common.bus import Bus, keys
 from common.bus.tiles import TILE_BYTES, tile_page
 from common.errors import PeerError, WorkerDied
-from common.wire import Cover, MapNotice, Message, decode
+from common.wire import Cover, Epoch, MapNotice, Message, decode
 from common.workers import WorkerError
 from services.edge_worker.instance import Instance, Phase
 from services.edge_worker.pool import Pool
@@ -21,8 +21,8 @@ class RobotMaps:
 
     def __init__(self, edge: str, state: EdgeState, pool: Pool, bus: Bus) -> None:
         self._edge, self._state, self._pool, self._bus = edge, state, pool, bus
-        self._told: dict[str, tuple[int, int, bool]] = {}
-        """robot → (life, version, final) of the last notice"""
+        self._told: dict[str, tuple[Epoch, int, bool]] = {}
+        """robot → epoch, version and finality of the last notice"""
         self.delays: dict[str, deque[float]] = {}
         """robot → recent times of a frame from its hands to ours, s"""
         self.scan_s: dict[str, float] = {}
@@ -55,7 +55,7 @@ class RobotMaps:
         except (WorkerDied, WorkerError):
             return  # being opened anew: it will have news then
         final = bool(news["final"]) and instance.phase is Phase.FINAL
-        told = (life, news["version"], final)
+        told = (instance.epoch, news["version"], final)
         if instance.life != life or self._told.get(robot) == told:
             return
         self._told[robot] = told

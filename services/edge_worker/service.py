@@ -7,7 +7,10 @@ in this process: SLAM runs in the pool, fusion in a process of its own.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
+import math
+import secrets
 import time
 from collections.abc import Coroutine
 from typing import Any
@@ -15,7 +18,8 @@ from typing import Any
 from common.bus import Bus, Stream, keys
 from common.bus.intake import Received
 from common.config import Fleet
-from common.errors import PeerError, WorkerDied
+from common.errors import BadMessage, PeerError, WorkerDied
+from common.service import Stopped, until_stopped
 from common.wire import (
     Ack,
     EndOfStream,
@@ -32,11 +36,21 @@ from common.wire import (
 from common.workers import WorkerError
 from services.edge_worker import state as slam
 from services.edge_worker.fusion import Fusion
-from services.edge_worker.instance import Acknowledge, Feed, Fetch, Finish, Instruction, Open
+from services.edge_worker.instructions import (
+    Acknowledge,
+    Claim,
+    Feed,
+    Fetch,
+    Finish,
+    Instruction,
+    Listen,
+    Open,
+    Release,
+)
 from services.edge_worker.pool import Pool
 from services.edge_worker.report import Report
 from services.edge_worker.robot_maps import RobotMaps
-from services.edge_worker.state import Claim, EdgeState, Listen, Release
+from services.edge_worker.state import EdgeState
 
 TICK_S = 0.5
 
@@ -48,7 +62,7 @@ class EdgeWorker:
 
     def __init__(self, fleet: Fleet, edge: str, bus: Bus, workers: int, stop: asyncio.Event) -> None:
         self._fleet, self.edge, self._bus, self._stop = fleet, edge, bus, stop
-        self.state = EdgeState(edge, workers, fleet.edge.window)
+        self.state = EdgeState(edge, workers, fleet.edge.window, first_life=secrets.randbits(31))
         self._pool = Pool(workers, fleet.slam.kernel, lambda number: self._feed(slam.WorkerDied(number)))
         self._fusion = Fusion(fleet, edge, bus)
         self.maps = RobotMaps(edge, self.state, self._pool, bus)
@@ -58,32 +72,35 @@ class EdgeWorker:
 
     async def run(self) -> None:
         try:
-            await self._pool.open()
-            await self._fusion.open()
-            await self.maps.open()
-            await self._bus.declare_alive(keys.edge_alive(self.edge))
+            if await until_stopped(self._open(), self._stop):
+                return
             log.info("ready", extra={"edge": self.edge, "workers": self.state.workers})
             async with self._tasks as tasks:
-                running = [
-                    tasks.create_task(self._hear(keys.SCHEDULER_ROUTES), name="routes"),
-                    tasks.create_task(self._hear(keys.robot_profile(keys.ANY)), name="profiles"),
-                    tasks.create_task(self._hear(keys.robot_end(keys.ANY)), name="ends"),
-                    tasks.create_task(self._hear(keys.CLOUD_TRANSFORMS), name="transforms"),
-                    tasks.create_task(self._hear(keys.edge_robot_map(keys.ANY, keys.ANY)), name="map notices"),
-                    tasks.create_task(self._tick(), name="tick"),
-                    tasks.create_task(self._publish_maps(), name="maps"),
-                    tasks.create_task(self._fusion.run(), name="fusion"),
-                    tasks.create_task(self._report.run(), name="status"),
-                ]
+                for key in (
+                    keys.SCHEDULER_ROUTES,
+                    keys.robot_profile(keys.ANY),
+                    keys.robot_end(keys.ANY),
+                    keys.CLOUD_TRANSFORMS,
+                    keys.edge_robot_map(keys.ANY, keys.ANY),
+                ):
+                    tasks.create_task(self._hear(key), name=f"hear {key}")
+                tasks.create_task(self._tick(), name="tick")
+                tasks.create_task(self._publish_maps(), name="maps")
+                tasks.create_task(self._fusion.run(), name="fusion")
+                tasks.create_task(self._report.run(), name="status")
                 await self._stop.wait()
-                for task in running:
-                    task.cancel()
-                for stream in self._frames.values():
-                    stream.close()
-                await self._pool.close()
+                raise Stopped
+        except* Stopped:
+            pass
         finally:
             await self._pool.close()
             await self._fusion.close()
+
+    async def _open(self) -> None:
+        await self._pool.open()
+        await self._fusion.open()
+        await self.maps.open()
+        await self._bus.declare_alive(keys.edge_alive(self.edge))
 
     # Events in
 
@@ -125,14 +142,14 @@ class EdgeWorker:
         for instruction in self.state.handle(event):
             self._carry_out(instruction)
 
-    def _carry_out(self, step: Instruction) -> None:
+    def _carry_out(self, step: Instruction | Claim) -> None:
         match step:
             case Listen(robot):
                 if robot not in self._frames:
                     stream = self._frames[robot] = self._bus.subscribe(keys.robot_frames(robot), depth=1024)
                     self._start(self._hear_frames(robot, stream), f"frames of {robot}")
             case Open():
-                self._start(self._open(step), f"open {step.robot}")
+                self._start(self._open_instance(step), f"open {step.robot}")
             case Feed():
                 self._start(self._process(step), f"scan of {step.robot}")
             case Fetch():
@@ -143,21 +160,22 @@ class EdgeWorker:
                 self._start(self._acknowledge(robot), f"ack to {robot}")
             case Claim():
                 self._start(self._bus.latch(keys.edge_claims(self.edge), self.state.claims()), "claims")
-            case Release(robot, _, worker):
+            case Release(robot):
                 self._frames.pop(robot).close()
                 self.maps.forget(robot)
-                self._start(self._close(robot, worker), f"close {robot}")
+                self._start(self._close(step), f"close {robot}")
 
     def _start(self, work: Coroutine[Any, Any, None], name: str) -> None:
         self._tasks.create_task(work, name=name)
 
-    async def _open(self, step: Open) -> None:
+    async def _open_instance(self, step: Open) -> None:
         slam_config = self._fleet.slam
         try:
             await self._pool.call(
                 step.worker,
                 "open",
                 robot=step.robot,
+                life=step.life,
                 kernel=slam_config.kernel,
                 settings=slam_config.settings,
                 seed=self._fleet.seed,
@@ -168,20 +186,28 @@ class EdgeWorker:
         self._feed(slam.Opened(step.robot, step.life))
 
     async def _process(self, step: Feed) -> None:
+        instance = self.state.instances.get(step.robot)
+        if instance is None or instance.life != step.life:
+            return  # begun anew meanwhile
         frame, failed = step.frame, False
         try:
-            done = await self._pool.call(
-                self.state.instances[step.robot].worker, "process", robot=step.robot, data=encode(frame)
-            )
-            pose: tuple[float, float, float] = tuple(done["pose"])
-            update = PoseUpdate(robot=step.robot, edge=self.edge, seq=frame.seq, stamp=frame.stamp, pose=pose)
-            self._bus.put(keys.edge_pose(self.edge, step.robot), update)
-        except (WorkerDied, KeyError):
-            return
+            done = await self._pool.call(instance.worker, "process", robot=step.robot, data=encode(frame))
+        except WorkerDied:
+            return  # the guard tells
         except WorkerError as error:
             failed = True
             self._report.problem(f"robot/{step.robot}: frame {frame.seq} set aside: {error}")
+        else:
+            self._tell_pose(frame, done["pose"])
         self._feed(slam.FrameDone(step.robot, step.life, frame.seq, failed))
+
+    def _tell_pose(self, frame: Frame, pose: list[float]) -> None:
+        if not all(map(math.isfinite, pose)):
+            self._report.problem(f"robot/{frame.robot}: no pose after frame {frame.seq}: {pose}")
+            return
+        x, y, theta = pose
+        update = PoseUpdate(robot=frame.robot, edge=self.edge, seq=frame.seq, stamp=frame.stamp, pose=(x, y, theta))
+        self._bus.put(keys.edge_pose(self.edge, frame.robot), update)
 
     async def _fetch(self, step: Fetch) -> None:
         params: dict[str, str | int] = {"from": step.start}
@@ -189,35 +215,47 @@ class EdgeWorker:
             params["stream"] = step.stream
         try:
             answers = await self._bus.get(keys.robot_backfill(step.robot), params)
-            page = answers[0].message if answers else None
-            if not isinstance(page, FramePage):
-                self._feed(slam.FetchFailed(step.robot, step.life))
-                return
-            frames = [decode(data, sender=f"robot/{step.robot}") for data in page.frames]
         except PeerError as error:
             log.debug("backfill failed", extra={"robot": step.robot, "reason": error})
+            answers = []
+        page = answers[0].message if answers else None
+        if not isinstance(page, FramePage):
             self._feed(slam.FetchFailed(step.robot, step.life))
             return
-        usable = tuple(frame for frame in frames if isinstance(frame, Frame) and frame.robot == step.robot)
-        self._feed(slam.PageCame(step.robot, step.life, usable, page.oldest, page.next is not None))
+        frames = tuple(frame for data in page.frames if (frame := self._spooled(data, step.robot)) is not None)
+        self._feed(slam.PageCame(step.robot, step.life, page.stream, frames, page.oldest, page.next))
+
+    def _spooled(self, data: bytes, robot: str) -> Frame | None:
+        """A frame out of the robot's spool; None, told in the status, when it is none."""
+        try:
+            frame = decode(data, sender=f"robot/{robot}")
+            if not isinstance(frame, Frame) or frame.robot != robot:
+                raise BadMessage("its spool gave what is no frame of its own", f"robot/{robot}")
+        except BadMessage as error:
+            self._report.problem(str(error))
+            return None
+        return frame
 
     async def _finish(self, step: Finish) -> None:
+        instance = self.state.instances.get(step.robot)
+        if instance is None or instance.life != step.life:
+            return
         try:
-            await self._pool.call(self.state.instances[step.robot].worker, "finish", robot=step.robot)
-        except (WorkerDied, KeyError):
+            await self._pool.call(instance.worker, "finish", robot=step.robot)
+        except WorkerDied:
             return
         except WorkerError as error:
             self._report.problem(f"robot/{step.robot}: last refinement failed: {error}")
         self._feed(slam.InstanceFinished(step.robot, step.life))
         await self.maps.tell(step.robot)
 
-    async def _close(self, robot: str, worker: int) -> None:
+    async def _close(self, step: Release) -> None:
+        robot = step.robot
+        with contextlib.suppress(WorkerDied):
+            await self._pool.call(step.worker, "close", robot=robot, life=step.life)
         for key in (keys.edge_ack(self.edge, robot), keys.edge_robot_map(self.edge, robot)):
-            await self._bus.unlatch(key)
-        try:
-            await self._pool.call(worker, "close", robot=robot)
-        except WorkerDied:
-            return
+            if robot not in self.state.instances:  # it may have come back
+                await self._bus.unlatch(key)
         log.info("SLAM instance released", extra={"robot": robot})
 
     async def _acknowledge(self, robot: str) -> None:

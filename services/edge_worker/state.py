@@ -7,10 +7,13 @@ instance.py; which maps are fused here is in fusing.py.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import count
 
-from common.wire import Claims, EndOfStream, Frame, RobotProfile, Routes
-from services.edge_worker.instance import Instance, Instruction, Instructions, Phase
+from common.wire import Claims, EndOfStream, Epoch, Frame, RobotProfile, Routes
+from services.edge_worker.instance import Instance, Phase
+from services.edge_worker.instructions import Claim, Instructions, Listen, Release
 
 
 @dataclass(frozen=True)
@@ -33,13 +36,14 @@ class FrameCame:
 
 @dataclass(frozen=True)
 class PageCame:
-    """Frames out of a robot's spool; `more`: the spool has further ones."""
+    """Frames out of a robot's spool, which has none older than `oldest` and goes on at `following`."""
 
     robot: str
     life: int
+    stream: str
     frames: tuple[Frame, ...]
     oldest: int
-    more: bool
+    following: int | None
 
 
 @dataclass(frozen=True)
@@ -99,23 +103,6 @@ Event = (
 )
 
 
-@dataclass(frozen=True)
-class Listen(Instruction):
-    """Subscribe to the robot's frames."""
-
-
-@dataclass(frozen=True)
-class Release(Instruction):
-    """Stop listening to the robot and forget its instance."""
-
-    worker: int
-
-
-@dataclass(frozen=True)
-class Claim(Instruction):
-    """Publish which robots run here."""
-
-
 @dataclass
 class EdgeState:
     """All instances of one edge."""
@@ -123,12 +110,17 @@ class EdgeState:
     edge: str
     workers: int
     window: int
-    epoch: tuple[int, int] = (0, 0)
+    first_life: int = 0
+    """lives count from here: other processes of this edge's name counted from elsewhere"""
+    epoch: Epoch = (0, 0)
     """of the latest routing table"""
     instances: dict[str, Instance] = field(default_factory=dict)
     ends: dict[str, EndOfStream] = field(default_factory=dict)
     profiles: dict[str, RobotProfile] = field(default_factory=dict)
     counters: Counter[str] = field(default_factory=Counter)
+    lives: dict[str, int] = field(default_factory=dict)
+    """robot → last life of an instance that was released"""
+    turns: Iterator[int] = field(default_factory=count)
 
     def handle(self, event: Event) -> Instructions:
         """Take one event. What concerns robots that do not run here, or an earlier life, changes nothing."""
@@ -146,20 +138,17 @@ class EdgeState:
                 instance = self.instances.get(end.robot)
                 return instance.stream_ended(end.stream, end.last_seq) if instance else []
             case Profiled(profile):
-                self.profiles[profile.robot] = profile
-                instance = self.instances.get(profile.robot)
-                return instance.stream_changed(profile.stream) if instance else []
+                return self._profiled(profile)
             case WorkerDied(worker):
-                self.counters["worker deaths"] += 1
-                hurt = [each for each in self.instances.values() if each.worker == worker]
-                return [step for each in hurt for step in each.worker_died(worker)]
+                return self._worker_died(worker)
             case Tick():
                 return [step for each in self.instances.values() for step in each.tick()]
             case _:
                 return self._answered(event)
 
     def claims(self) -> Claims:
-        return Claims(edge=self.edge, claims={name: each.epoch for name, each in self.instances.items()})
+        claims = {name: each.epoch for name, each in self.instances.items()}
+        return Claims(edge=self.edge, claims=claims, epoch=self.epoch)
 
     def validate(self) -> None:
         """Raises AssertionError when an invariant does not hold."""
@@ -175,9 +164,8 @@ class EdgeState:
         match event:
             case Opened():
                 return instance.opened()
-            case PageCame(_, _, frames, oldest, more):
-                steps = [step for frame in frames for step in instance.frame_came(frame)]
-                return [*steps, *instance.page_came(oldest, more)]
+            case PageCame(_, _, stream, frames, oldest, following):
+                return instance.page_came(stream, frames, oldest, following)
             case FetchFailed():
                 return instance.fetch_failed()
             case FrameDone(_, _, seq, failed):
@@ -185,29 +173,59 @@ class EdgeState:
             case InstanceFinished():
                 return instance.finished()
 
+    def _profiled(self, profile: RobotProfile) -> Instructions:
+        self.profiles[profile.robot] = profile
+        instance = self.instances.get(profile.robot)
+        if instance is None:
+            return []
+        return [*instance.stream_changed(profile.stream), *self._end_known(instance)]
+
+    def _worker_died(self, worker: int) -> Instructions:
+        """All instances of the worker start again; the frame that was fed first of those unanswered is to blame."""
+        self.counters["worker deaths"] += 1
+        hurt = [each for each in self.instances.values() if each.worker == worker]
+        turns = {each.robot: min(each.in_flight.values()) for each in hurt if each.in_flight}
+        guilty = min(turns, key=lambda robot: turns[robot], default=None)
+        return [step for each in hurt for step in each.worker_died(worker, each.robot == guilty)]
+
     def _routed(self, routes: Routes) -> Instructions:
+        """Take what is routed here and release what is routed elsewhere.
+
+        A robot that the table does not name stays: a scheduler that has just started may not know of it yet.
+        """
         if routes.epoch < self.epoch:
             self.counters["stale routing tables"] += 1
             return []
         self.epoch = routes.epoch
-        mine = {robot: route for robot, route in routes.routes.items() if route.slam_edge == self.edge}
         steps: Instructions = []
-        for robot in sorted(set(self.instances) - set(mine)):
-            gone = self.instances.pop(robot)
-            steps.append(Release(robot, gone.life, gone.worker))
-        for robot in sorted(set(mine) - set(self.instances)):
-            steps += self._take(robot, mine[robot].epoch)
-        for robot, route in mine.items():
-            self.instances[robot].epoch = route.epoch
-        return [*steps, Claim("", 0)]
+        for robot, route in sorted(routes.routes.items()):
+            instance = self.instances.get(robot)
+            if route.slam_edge != self.edge:
+                steps += self._release(instance) if instance is not None else []
+            elif instance is None:
+                steps += self._take(robot, route.epoch)
+            else:
+                instance.rerouted(route.epoch)
+        return [*steps, Claim()]
 
-    def _take(self, robot: str, epoch: tuple[int, int]) -> Instructions:
+    def _release(self, instance: Instance) -> Instructions:
+        del self.instances[instance.robot]
+        self.lives[instance.robot] = instance.life
+        return [Release(instance.robot, instance.life, instance.worker)]
+
+    def _take(self, robot: str, epoch: Epoch) -> Instructions:
         load = Counter(each.worker for each in self.instances.values() if each.phase is not Phase.FINAL)
         worker = min(range(self.workers), key=lambda number: (load[number], number))
-        instance = self.instances[robot] = Instance(robot, epoch, worker, self.window)
+        life = self.lives.get(robot, self.first_life)
+        instance = Instance(robot, epoch, worker, self.window, life, self.turns)
+        self.instances[robot] = instance
         if robot in self.profiles:
             instance.stream = self.profiles[robot].stream
-        steps: Instructions = [Listen(robot, 0), *instance.open()]
-        if robot in self.ends:
-            steps += instance.stream_ended(self.ends[robot].stream, self.ends[robot].last_seq)
-        return steps
+        return [Listen(robot, life + 1), *instance.open(), *self._end_known(instance)]
+
+    def _end_known(self, instance: Instance) -> Instructions:
+        """The end of the robot's stream may have been told before the instance took up that stream."""
+        end = self.ends.get(instance.robot)
+        if end is None or instance.stream not in ("", end.stream):
+            return []
+        return instance.stream_ended(end.stream, end.last_seq)

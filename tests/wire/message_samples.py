@@ -110,7 +110,7 @@ SAMPLES: dict[str, Message] = {
             fuse_s=0.5,
             transfer_s=0.25,
         ),
-        Claims(edge="e1", claims={"r1": (1, 2)}),
+        Claims(edge="e1", claims={"r1": (1, 2)}, epoch=(1, 3)),
         EdgeStatus(
             edge="e1",
             cores=2,

@@ -12,6 +12,7 @@ from common.errors import UsageError
 from common.grid.paging import page
 from common.grid.raster import Raster
 from common.grid.tiles import encode_counts, encode_occupancy
+from common.grid.versions import first_version
 from common.wire import Frame, TrajectoryPage, decode, encode
 from services.edge_worker.slam.kernel import Kernel, create
 
@@ -24,6 +25,7 @@ class Instance:
     """One robot's SLAM and what has been told about it."""
 
     kernel: Kernel
+    life: int
     sketch: Raster
     seq: int = -1
     """last frame taken"""
@@ -45,13 +47,17 @@ class SlamHost:
         create(kernel, {})
         warmup()
 
-    def open(self, robot: str, kernel: str, settings: dict[str, Any], seed: int) -> None:
-        """A fresh instance; an older one of this robot is forgotten."""
+    def open(self, robot: str, life: int, kernel: str, settings: dict[str, Any], seed: int) -> None:
+        """A fresh instance; an older one of this robot is forgotten. `life` tells its map from any other's."""
         made = create(kernel, settings, seed)
-        self._instances[robot] = Instance(made, Raster(made.map().resolution))
+        grid = made.map()
+        grid.version = first_version(life)
+        self._instances[robot] = Instance(made, life, Raster(grid.resolution, version=first_version(life)))
 
-    def close(self, robot: str) -> None:
-        self._instances.pop(robot, None)
+    def close(self, robot: str, life: int) -> None:
+        """Forget this instance, not one that was opened after it."""
+        if robot in self._instances and self._instances[robot].life == life:
+            del self._instances[robot]
 
     def process(self, robot: str, data: bytes) -> dict[str, Any]:
         """Take one encoded Frame: pose (x, y, theta), whether the scan matched, and the time it took."""
@@ -62,16 +68,16 @@ class SlamHost:
         begin = time.perf_counter()
         estimate = instance.kernel.process(frame)
         seconds = time.perf_counter() - begin
-        instance.seq = frame.seq
+        instance.seq, instance.final = frame.seq, False
         instance.spent_s += seconds
         instance.recent_s = [*instance.recent_s[-99:], seconds]
         return {"pose": [float(v) for v in estimate.pose], "stamp": frame.stamp, "matched": bool(estimate.matched)}
 
     def finish(self, robot: str) -> None:
-        """The robot's stream has ended: refine once more; the map is final."""
+        """The robot's stream has ended: refine once more; the map is final, also when the refinement fails."""
         instance = self._instance(robot)
-        instance.kernel.finish()
         instance.final = True
+        instance.kernel.finish()
 
     def news(self, robot: str) -> dict[str, Any]:
         """Version of the map and what it contains, after taking everything in."""

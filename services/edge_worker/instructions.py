@@ -1,0 +1,67 @@
+"""What the state machine of an edge's SLAM asks its shell to do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from common.wire import Frame
+
+
+@dataclass(frozen=True)
+class Instruction:
+    """Something to be done for a robot's instance, of this life."""
+
+    robot: str
+    life: int
+
+
+@dataclass(frozen=True)
+class Open(Instruction):
+    """Make a fresh kernel in this worker."""
+
+    worker: int
+
+
+@dataclass(frozen=True)
+class Feed(Instruction):
+    """Hand a frame to the kernel."""
+
+    frame: Frame
+
+
+@dataclass(frozen=True)
+class Fetch(Instruction):
+    """Ask the robot's spool for frames from `start` on; stream "" is whatever it has."""
+
+    stream: str
+    start: int
+
+
+@dataclass(frozen=True)
+class Finish(Instruction):
+    """Everything is taken: let the kernel refine once more."""
+
+
+@dataclass(frozen=True)
+class Acknowledge(Instruction):
+    """Tell the robot how far its stream has been processed."""
+
+
+@dataclass(frozen=True)
+class Listen(Instruction):
+    """Subscribe to the robot's frames."""
+
+
+@dataclass(frozen=True)
+class Release(Instruction):
+    """Stop listening to the robot and forget its instance."""
+
+    worker: int
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Publish which robots run here."""
+
+
+Instructions = list[Instruction | Claim]
