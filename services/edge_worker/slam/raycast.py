@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from common.grid import TILE, Grid, TileKey
 from common.grid.grid import SATURATED
 from services.edge_worker.slam.scan import NO_POINTS, Points
+from services.edge_worker.slam.sharpen import sharpened
 
 PASSED, HIT = np.uint8(1), np.uint8(2)
 
@@ -55,8 +56,9 @@ class Canvas:
             self.touched.add(key)
 
     def publish(self, grid: Grid) -> None:
-        """Bring `grid` up to date: one new version, for the tiles whose counts differ."""
-        grid.replace_if_different((key, self.tiles[key].copy()) for key in sorted(self.touched))
+        """Bring `grid` up to date, walls sharpened: one new version, for the tiles whose counts differ."""
+        around = {(x + dx, y + dy) for x, y in self.touched for dx in (-1, 0, 1) for dy in (-1, 0, 1)}
+        grid.replace_if_different((key, sharpened(self.tiles, key)) for key in sorted(around & self.tiles.keys()))
         self.touched.clear()
 
     def _count(self, patch: NDArray[np.uint8], x0: int, y0: int, key: TileKey, times: int) -> None:
