@@ -12,10 +12,10 @@ from common.bus import Bus, keys
 from common.bus.tiles import fetch_tiles
 from common.config import Fleet
 from common.errors import PeerError, WorkerDied
+from common.service import Stopped, until_stopped
 from common.wire import (
     Claims,
     EdgeStatus,
-    Epoch,
     MapNotice,
     OverlapMatrix,
     Plan,
@@ -58,45 +58,47 @@ class Scheduler:
 
     async def run(self) -> None:
         try:
-            self._worker = await Worker.start(TARGET)
+            if await until_stopped(self._open(), self._stop):
+                return
             async with self._tasks as tasks:
-                await self._take_over()
+                self._feed(scheduling.Claimed(await self._claims(), self._clock()))
                 await self._bus.declare_alive(keys.SCHEDULER_ALIVE)
                 log.info("ready")
-                heard = [
+                for key in (
                     keys.robot_profile(keys.ANY),
                     keys.robot_status(keys.ANY),
                     keys.edge_status(keys.ANY),
+                    keys.edge_claims(keys.ANY),
                     keys.edge_robot_map(keys.ANY, keys.ANY),
                     keys.CLOUD_TRANSFORMS,
-                ]
-                running = [tasks.create_task(self._hear(key), name=f"hear {key}") for key in heard]
-                running += [
-                    tasks.create_task(self._hear_link(), name="link"),
-                    tasks.create_task(self._hear_alive(keys.robot_alive(keys.ANY)), name="robots"),
-                    tasks.create_task(self._hear_alive(keys.edge_alive(keys.ANY)), name="edges"),
-                    tasks.create_task(self._tick(), name="tick"),
-                    tasks.create_task(self._interval(), name="interval"),
-                    tasks.create_task(self._report(), name="status"),
-                ]
+                ):
+                    tasks.create_task(self._hear(key), name=f"hear {key}")
+                tasks.create_task(self._hear_link(), name="link")
+                tasks.create_task(self._hear_alive(keys.robot_alive(keys.ANY)), name="robots")
+                tasks.create_task(self._hear_alive(keys.edge_alive(keys.ANY)), name="edges")
+                tasks.create_task(self._tick(), name="tick")
+                tasks.create_task(self._interval(), name="interval")
+                tasks.create_task(self._report(), name="status")
                 await self._stop.wait()
-                for task in running:
-                    task.cancel()
-                if self._worker is not None:
-                    await self._worker.close()
+                raise Stopped
+        except* Stopped:
+            pass
         finally:
             if self._worker is not None:
                 await self._worker.close()
 
-    async def _take_over(self) -> None:
-        """Robots that edges run already keep their places."""
-        claims: dict[str, tuple[str, Epoch]] = {}
-        for answer in await self._bus.get(keys.edge_claims(keys.ANY), everyone=True):
-            if isinstance(answer.message, Claims):
-                for robot, epoch in answer.message.claims.items():
-                    if robot not in claims or claims[robot][1] < epoch:
-                        claims[robot] = (answer.message.edge, epoch)
-        self._feed(scheduling.Restored(claims))
+    async def _open(self) -> None:
+        self._worker = await Worker.start(TARGET)
+        await self._worker.ready()
+
+    async def _claims(self) -> tuple[Claims, ...]:
+        """Robots that edges run already keep their places; who does not answer now is heard later."""
+        try:
+            answers = await self._bus.get(keys.edge_claims(keys.ANY), everyone=True)
+        except PeerError as error:
+            self._problem(f"claims: {error}")
+            return ()
+        return tuple(answer.message for answer in answers if isinstance(answer.message, Claims))
 
     # Events in
 
@@ -104,11 +106,13 @@ class Scheduler:
         async for received in self._bus.watch(key_expr):
             match received.message:
                 case RobotProfile() as profile:
-                    self._feed(scheduling.Profiled(profile))
+                    self._feed(scheduling.Profiled(profile, self._clock()))
                 case RobotStatus() as status:
                     self._statuses[status.robot] = status
                 case EdgeStatus() as status:
                     self._cores[status.edge] = status.cores
+                case Claims() as claims:
+                    self._feed(scheduling.Claimed((claims,), self._clock()))
                 case MapNotice() as notice:
                     self._notices[notice.robot, notice.edge] = notice
                 case Transforms() as transforms:
@@ -134,7 +138,7 @@ class Scheduler:
     async def _interval(self) -> None:
         while True:
             await asyncio.sleep(self._fleet.scheduler.interval_s)
-            self._feed(scheduling.Interval())
+            self._feed(scheduling.Interval(self._clock()))
 
     # Instructions out
 
@@ -167,7 +171,7 @@ class Scheduler:
         overlap = decode(made["overlap"])
         if isinstance(overlap, OverlapMatrix):
             await self._bus.latch(keys.SCHEDULER_OVERLAP, overlap)
-        self._feed(scheduling.Planned(step.epoch, made["slam"], made["fuse"]))
+        self._feed(scheduling.Planned(step.epoch, made["slam"], made["fuse"], self._clock()))
         plan = Plan(
             epoch=self.state.epoch,
             policy=self._fleet.scheduler.policy,
@@ -249,6 +253,7 @@ class Scheduler:
             return "alive" if alive else "gone"
 
         state = self.state
+        stranded = [f"robot/{robot}: no edge that it reaches is there" for robot in sorted(state.stranded)]
         return SchedulerStatus(
             epoch=state.epoch,
             policy=self._fleet.scheduler.policy,
@@ -258,7 +263,7 @@ class Scheduler:
             moved=state.moved,
             stages=dict(self._stages),
             counters={**state.counters, "messages refused": self._bus.counters.refused.total()},
-            problems=(*self._bus.problems, *self._problems)[-16:],
+            problems=(*self._bus.problems, *self._problems, *stranded)[-16:],
         )
 
     def _problem(self, text: str) -> None:

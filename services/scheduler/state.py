@@ -1,10 +1,10 @@
 """What the scheduler decides: who is there, where each robot's frames and map go, and when a plan is due.
 
-A robot is placed as soon as it comes, by load; plans regroup robots at intervals. A robot that has left keeps its
-route: its map stays in the fused maps. An edge that is gone for longer than the grace time loses its robots to the
-others, which rebuild them from their spools. When the router is lost, nobody is declared gone: everybody seems to be.
-Every table has an epoch (term, n), the term one higher than that of any claim found at the start, so that the tables
-of an earlier scheduler are fenced off. Events in, instructions out; times come with the events.
+A robot is placed as soon as it and its profile have come, by load; plans regroup robots at intervals. A robot that has
+left keeps its route: its map stays in the fused maps. An edge that is gone for longer than the grace time loses its
+robots to the others, which rebuild them from their spools. When the router is lost, nobody is declared gone: everybody
+seems to be. Every table has an epoch (term, n), the term one higher than that of any claim that is heard, so that the
+tables of an earlier scheduler are fenced off. Events in, instructions out; times come with the events.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from common.wire import Epoch, RobotProfile, Route, Routes
+from common.wire import Claims, Epoch, RobotProfile, Route, Routes
 from services.scheduler.topology import Topology
 
 SETTLE_S = 10.0
@@ -37,6 +37,7 @@ class EdgeSeen:
 @dataclass(frozen=True)
 class Profiled:
     profile: RobotProfile
+    now: float
 
 
 @dataclass(frozen=True)
@@ -48,11 +49,11 @@ class Linked:
 
 
 @dataclass(frozen=True)
-class Restored:
-    """What edges claimed when this scheduler started."""
+class Claimed:
+    """What edges say that they run, at the start of this scheduler or at any time."""
 
-    claims: Mapping[str, tuple[str, Epoch]]
-    """robot → (edge, epoch)"""
+    claims: tuple[Claims, ...]
+    now: float
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ class Planned:
     epoch: Epoch
     slam: Mapping[str, str]
     fuse: Mapping[str, str]
+    now: float
 
 
 @dataclass(frozen=True)
@@ -80,8 +82,10 @@ class Tick:
 class Interval:
     """Every `interval_s`."""
 
+    now: float
 
-Event = RobotSeen | EdgeSeen | Profiled | Linked | Restored | Planned | PlanFailed | Tick | Interval
+
+Event = RobotSeen | EdgeSeen | Profiled | Linked | Claimed | Planned | PlanFailed | Tick | Interval
 
 
 @dataclass(frozen=True)
@@ -123,6 +127,8 @@ class SchedulerState:
     link_since: float = float("-inf")
     planning: bool = False
     moved: int = 0
+    stranded: set[str] = field(default_factory=set)
+    """robots that reach no edge that is there"""
     counters: Counter[str] = field(default_factory=Counter)
 
     @property
@@ -137,12 +143,14 @@ class SchedulerState:
             case EdgeSeen(edge, alive, now):
                 self._seen(self.edges, edge, alive, now)
                 return self._place(now)
-            case Profiled(profile):
+            case Profiled(profile, now):
                 self.profiles[profile.robot] = profile
+                return self._place(now)
             case Linked(up, now):
-                self.link_up, self.link_since = up, now
-            case Restored(claims):
-                return self._restored(claims)
+                if up != self.link_up:
+                    self.link_up, self.link_since = up, now
+            case Claimed(claims, now):
+                return self._claimed(claims, now)
             case Planned():
                 return self._planned(event)
             case PlanFailed():
@@ -150,13 +158,16 @@ class SchedulerState:
                 self.counters["plans failed"] += 1
             case Tick(now):
                 return self._place(now)
-            case Interval():
-                return self._ask_for_plan()
+            case Interval(now):
+                return self._ask_for_plan(now)
         return []
 
     def usable_edges(self, now: float) -> list[str]:
         """Edges that are there, or whose absence is too fresh (or too widespread) to act on."""
         return sorted(edge for edge, seen in self.edges.items() if seen.alive or not self._is_gone(seen, now))
+
+    def alive_edges(self) -> list[str]:
+        return sorted(edge for edge, seen in self.edges.items() if seen.alive)
 
     def reachable(self, robot: str, edges: list[str]) -> list[str]:
         """Those of the edges that the robot can reach."""
@@ -174,77 +185,91 @@ class SchedulerState:
     def validate(self) -> None:
         """Raises AssertionError when an invariant does not hold."""
         for robot, route in self.routes.items():
-            profile = self.profiles.get(robot)
             assert route.epoch <= self.epoch, f"{robot} has a route of the future"
-            if profile is not None and profile.edges is not None:
-                assert route.slam_edge in profile.edges, f"{robot} cannot reach {route.slam_edge}"
+            assert {route.slam_edge, route.fuse_edge} <= set(self.edges), f"{robot} is routed to an edge unheard of"
 
     def _seen(self, known: dict[str, Presence], name: str, alive: bool, now: float) -> None:
         before = known.get(name)
         if before is None or before.alive != alive:
             known[name] = Presence(alive, now)
 
+    def _steady(self, now: float) -> bool:
+        """The router has been there for the grace time: who is there has shown it."""
+        return self.link_up and now - self.link_since > self.grace_s
+
     def _is_gone(self, seen: Presence, now: float) -> bool:
         """Gone for longer than the grace time, in which the router was there all along."""
-        steady = self.link_up and now - self.link_since > self.grace_s
-        return not seen.alive and steady and now - seen.since > self.grace_s
+        return not seen.alive and self._steady(now) and now - seen.since > self.grace_s
 
     def _settled(self, now: float) -> bool:
         first = min((seen.since for seen in self.edges.values()), default=now)
         return bool(self.routes) or now - first > SETTLE_S or all(edge in self.edges for edge in self.expected_edges)
 
     def _place(self, now: float) -> list[Instruction]:
-        """Give a route to every present robot that has none, or whose edge is gone."""
-        edges = self.usable_edges(now)
-        if not edges or not self.link_up or not self._settled(now):
+        """Give a route to every present robot that has none, or whose edge is gone or out of its reach."""
+        if not self.link_up or not self._settled(now):
             return []
+        usable = self.usable_edges(now)
         reasons = []
         for robot, seen in sorted(self.robots.items()):
             route = self.routes.get(robot)
-            if route is None and not seen.alive:
+            if route is None and (not seen.alive or robot not in self.profiles):
                 continue
-            if route is not None and {route.slam_edge, route.fuse_edge} <= set(edges):
-                continue
-            reasons += self._put(robot, route, edges)
+            if route is None or route.slam_edge not in self.reachable(robot, usable):
+                reasons += self._put(robot, route)
+            elif route.fuse_edge not in usable:
+                self.routes[robot] = route.model_copy(update={"fuse_edge": route.slam_edge})
+                reasons.append(f"{robot} fused at {route.slam_edge}: {route.fuse_edge} is gone")
         return self._publish("; ".join(reasons)) if reasons else []
 
-    def _put(self, robot: str, old: Route | None, edges: list[str]) -> list[str]:
-        choice = self.reachable(robot, edges)
+    def _put(self, robot: str, old: Route | None) -> list[str]:
+        choice = self.reachable(robot, self.alive_edges())
         if not choice:
-            self.counters["placings without a reachable edge"] += 1
+            self.stranded.add(robot)
             return []
+        self.stranded.discard(robot)
         load = self.load()
         edge = self.topology.edge_for(robot, choice) or min(choice, key=lambda name: (load[name], name))
-        if old is not None and old.slam_edge in edges:
-            self.routes[robot] = Route(slam_edge=old.slam_edge, fuse_edge=old.slam_edge, epoch=old.epoch)
-            return [f"{robot} fused at {old.slam_edge}: {old.fuse_edge} is gone"]
         self.routes[robot] = Route(slam_edge=edge, fuse_edge=edge, epoch=(self.term, self.count + 1))
         if old is None:
             return [f"{robot} came: to {edge}"]
         self.moved += 1
-        return [f"{robot} moves to {edge}: {old.slam_edge} is gone"]
+        return [f"{robot} moves to {edge}: {old.slam_edge} is gone or out of reach"]
 
     def _publish(self, reason: str) -> list[Instruction]:
         self.count += 1
         return [Publish(Routes(epoch=self.epoch, routes=dict(sorted(self.routes.items()))), reason)]
 
-    def _restored(self, claims: Mapping[str, tuple[str, Epoch]]) -> list[Instruction]:
-        self.term = max([self.term, *(epoch[0] + 1 for _, epoch in claims.values())])
-        for robot, (edge, epoch) in sorted(claims.items()):
-            self.routes.setdefault(robot, Route(slam_edge=edge, fuse_edge=edge, epoch=epoch))
-        return self._publish("taken over from the edges' claims") if claims else []
+    def _claimed(self, claims: tuple[Claims, ...], now: float) -> list[Instruction]:
+        """Take over robots that edges run already, and be above any table that they have heard."""
+        news = []
+        for each in claims:
+            self.edges.setdefault(each.edge, Presence(alive=False, since=now))
+            for robot, epoch in sorted(each.claims.items()):
+                route = self.routes.get(robot)
+                if route is None or route.epoch < epoch:
+                    self.routes[robot] = Route(slam_edge=each.edge, fuse_edge=each.edge, epoch=epoch)
+                    news.append(f"{robot} runs at {each.edge}")
+        heard = max([epoch for each in claims for epoch in (each.epoch, *each.claims.values())], default=(0, 0))
+        if heard > self.epoch:
+            self.term, self.count = max(self.term, heard[0] + 1), 0
+            news.append(f"an earlier scheduler's table {heard} is known")
+        return self._publish("; ".join(news)) if news and self.routes else []
 
-    def _ask_for_plan(self) -> list[Instruction]:
-        edges = sorted(edge for edge, seen in self.edges.items() if seen.alive)
+    def _ask_for_plan(self, now: float) -> list[Instruction]:
+        edges = self.alive_edges()
         robots = tuple(robot for robot in sorted(self.routes) if self.reachable(robot, edges))
-        if self.planning or not self.topology.regroups or len(edges) < 2 or len(robots) < 2 or not self.link_up:
+        if self.planning or not self.topology.regroups or len(edges) < 2 or len(robots) < 2:
             return []
+        if not self._steady(now) or edges != self.usable_edges(now):
+            return []  # somebody is missed: it comes back, or is found gone
         self.planning = True
         return [MakePlan(self.epoch, robots, tuple(edges))]
 
     def _planned(self, plan: Planned) -> list[Instruction]:
         self.planning = False
-        if plan.epoch != self.epoch:
+        alive = self.alive_edges()
+        if plan.epoch != self.epoch or not self._steady(plan.now) or not set(self._named(plan)) <= set(alive):
             self.counters["plans overtaken by events"] += 1
             return []
         moves = []
@@ -253,8 +278,14 @@ class SchedulerState:
             slam = plan.slam.get(robot, old.slam_edge)
             if (slam, fuse) == (old.slam_edge, old.fuse_edge):
                 continue
+            if slam not in self.reachable(robot, alive):
+                self.counters["moves out of reach refused"] += 1
+                continue
             epoch = old.epoch if slam == old.slam_edge else (self.term, self.count + 1)
             self.routes[robot] = Route(slam_edge=slam, fuse_edge=fuse, epoch=epoch)
             self.moved += slam != old.slam_edge
             moves.append(f"{robot} fused at {fuse}" + (f", run at {slam}" if slam != old.slam_edge else ""))
         return self._publish("; ".join(moves)) if moves else []
+
+    def _named(self, plan: Planned) -> list[str]:
+        return [*plan.slam.values(), *plan.fuse.values()]
