@@ -56,7 +56,8 @@ def eliminate(graph: PoseGraph, heir: NDArray[np.int64]) -> None:
     """Take the nodes out of the graph that are not their own heirs; nodes are numbered anew.
 
     Edges of a node that goes are carried over to its heir by the poses as they are now; links between keyframes of
-    one heir vanish, and of loops between the same two the latest stays. Information is carried along, not added to: a bridge is as uncertain as its links together.
+    one heir vanish, and of loops between the same two the latest stays. Information is carried along, not added to:
+    a bridge is as uncertain as its links together.
     """
     ends = heir[graph.pairs]
     kept = (ends[:, 0] != ends[:, 1]) & ~_repeated(ends, graph.loops)
