@@ -69,3 +69,14 @@ def algorithm_2(weights, groups, kappa: int, tau: int, mode: str) -> np.ndarray:
             t.pop(0)
         current = g[k]
     return np.array(best, dtype=np.int64)
+
+
+def algorithm_3(latencies) -> list[int]:
+    """Latency of group i on edge j is `latencies[i][j]`."""
+    edges = list(range(len(latencies)))
+    theta = []
+    for row in latencies:
+        j = min(edges, key=lambda edge: row[edge])
+        theta.append(j)
+        edges.remove(j)
+    return theta

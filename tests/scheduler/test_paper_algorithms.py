@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from paper_twins import algorithm_1, algorithm_2, fitness
+from paper_twins import algorithm_1, algorithm_2, algorithm_3, fitness
 from scheduling_problems import graph
 
 from common.errors import UsageError
@@ -68,6 +68,15 @@ def test_the_cut_counts_each_pair_once() -> None:
     weights = graph("dense", 9)
     groups = np.arange(9) % 3
     assert cut(weights, groups) == fitness(weights, groups)
+
+
+@pytest.mark.parametrize("size", [0, 1, 2, 7])
+def test_algorithm_3_equals_its_line_by_line_twin(size: int) -> None:
+    rng = np.random.default_rng(size)
+    for _ in range(20):
+        latencies = rng.integers(0, 4, (size, size)).astype(float)
+        latencies[latencies == 3] = np.inf
+        assert edge_offloading(latencies).tolist() == algorithm_3(latencies.tolist())
 
 
 def test_algorithm_3_gives_each_group_in_turn_the_best_edge_left() -> None:
