@@ -110,13 +110,13 @@ class DeadReckoning:
 
     def alternatives(self) -> NDArray[np.float64]:
         """Other motions (k, 3) that are worth a try: going on as before, and odometry catching up after a stall."""
-        others = [self._coasted()]
+        others = [self._coasted()] if 0.0 < self.dt <= COAST_S else []
         if len(self.history) and self.at is not None:
             travelled = self.history[0, 3:]
             for motion in self.history[1:, 3:]:
                 travelled = compose(travelled, motion)
             others.append(between(travelled, between(self.history[0, :3], self.at)))
-        return np.array(others)
+        return np.array(others).reshape(-1, 3)
 
     def learn(self, motion: NDArray[np.float64], matched: bool = True) -> None:
         """Tell the motion (3,) since the frame before that was settled on: by matching, or for want of a match."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from common.grid import TILE, Grid, TileKey
 from common.grid.grid import SATURATED
 from services.edge_worker.slam.scan import NO_POINTS, Points
-from services.edge_worker.slam.sharpen import sharpened
+from common.grid.sharpen import sharpened
 
 PASSED, HIT = np.uint8(1), np.uint8(2)
 

@@ -27,6 +27,8 @@ GOOD_INLIERS = 0.6
 """below this the match is sought again, far and wide"""
 BETTER = 0.1
 """inlier share by which the wide match must be better to be believed"""
+MUCH_BETTER = 0.3
+"""the same where it contradicts the odometry: a scan of new places agrees with more of the map where it is not"""
 WIDE_WINDOW = (1.0, 0.6, 0.03)
 WIDE_SIGMA = (0.5, 0.5)
 GUESS_M, GUESS_RAD = 0.4, 0.4
@@ -83,9 +85,9 @@ class Tracker:
         query = Query(scan.points[kept], facing[kept], self._sweep(scan, kept, pose) if guessed else KNOWN)
         found = self._align(query, predicted, window, sigma)
         if found.inliers < GOOD_INLIERS:
-            for motion in (scan.motion, *scan.alternatives):
+            for k, motion in enumerate((scan.motion, *scan.alternatives)):
                 wide = self._align(query, compose(pose, motion), WIDE_WINDOW, WIDE_SIGMA)
-                if wide.inliers > found.inliers + BETTER:
+                if wide.inliers > found.inliers + (BETTER if k == 0 else MUCH_BETTER):
                     found, sigma = wide, WIDE_SIGMA
                 if found.inliers >= GOOD_INLIERS:
                     break
