@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from common.errors import Unmergeable
 from common.grid.grid import SATURATED, TILE, Counts, Grid, TileKey
+from common.grid.sharpen import sharpened
 
 
 def add(grids: Iterable[Grid]) -> Grid:
@@ -63,9 +64,15 @@ def _capped(counts: Counts, most: int) -> Counts:
     return out.astype(np.uint16)
 
 
-def compose_into(product: Grid, parts: Iterable[Grid]) -> None:
-    """Make `product` the sum of `parts`; tiles that stay equal keep their version, vanished ones become zeros."""
+def compose_into(product: Grid, parts: Iterable[Grid], *, sharpen: bool = False) -> None:
+    """Make `product` the sum of `parts`; tiles that stay equal keep their version, vanished ones become zeros.
+
+    `sharpen` the sum where it is the last one: maps that lie a fraction of a cell apart make walls two cells thick.
+    A sharpened map must not be added to others, or the result would depend on the grouping.
+    """
     parts = list(parts)
     merged = add(parts).tiles if parts else {}
+    if sharpen:
+        merged = {key: sharpened(merged, key) for key in merged}
     gone = {key: np.zeros((2, TILE, TILE), np.uint16) for key in product.tiles if key not in merged}
     product.replace_if_different([*sorted(merged.items()), *sorted(gone.items())])

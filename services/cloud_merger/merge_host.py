@@ -112,7 +112,7 @@ class MergeHost:
         resolution = parts[0].resolution if parts else 0.05
         if self._product is None or self._product.resolution != resolution:
             self._product = Grid(resolution, version=first_version(secrets.randbits(32)))
-        compose_into(self._product, parts)
+        compose_into(self._product, parts, sharpen=True)
         return {
             "version": self._product.version,
             "resolution": resolution,

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from common.grid import TILE, Grid, TileKey
 from common.grid.grid import SATURATED
-from services.edge_worker.slam.scan import NO_POINTS, Points
 from common.grid.sharpen import sharpened
+from services.edge_worker.slam.scan import NO_POINTS, Points
 
 PASSED, HIT = np.uint8(1), np.uint8(2)
 

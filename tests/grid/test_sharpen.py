@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.grid import TILE
-from services.edge_worker.slam.sharpen import keep_peaks, sharpened
+from common.grid.sharpen import keep_peaks, sharpened
 
 
 def keep_peaks_numpy(hits: NDArray[np.uint16]) -> NDArray[np.uint16]:
