@@ -73,7 +73,7 @@ class GMapping:
         """Take the next frame. A frame without usable beams moves the pose by odometry only."""
         scan = self.reader.read(frame)
         usable = len(scan.points) >= self.settings.min_points
-        matched = self._advance(scan, usable)
+        scan, matched = self._advance(scan, usable)
         if usable and self._is_due():
             self._register(scan)
         self.track.append(scan.stamp, len(self.tree) - 1, self.since, self.way)
@@ -99,18 +99,28 @@ class GMapping:
         """Take over a snapshot of a kernel of the same settings. Raises SnapshotRefused, and then keeps its state."""
         gmapping_snapshot.read(data, self)
 
-    def _advance(self, scan: Scan, usable: bool) -> bool:
-        """Move `since` by dead reckoning, corrected on the best particle's map; returns whether the scan matched."""
+    def _advance(self, scan: Scan, usable: bool) -> tuple[Scan, bool]:
+        """Move `since` by dead reckoning, corrected on the best particle's map.
+
+        Returns the scan, compensated anew where matching told the velocity in the sweep, and whether it matched.
+        """
         before, doubt = self.since, self._doubt(scan)
         self.since = compose(before, scan.motion)
         matched = False
         if usable and self.maps.held:
             matched = self._track(scan, before, doubt)
+        slip = None
+        if matched and scan.velocity is not None and not scan.turn_measured and scan.times.any():
+            base = self.poses[self.best]
+            scan, pose, slip = self.matcher.unslip(scan, compose(base, self.since), doubt, self.best)
+            self.since = between(base, pose)
         motion = between(before, self.since)
         self.reader.learn(motion, matched)
+        if slip is not None:
+            self.reader.slipped(slip)
         self.way += way_of(motion)
         self.spread += self._drift(motion) if matched else np.square([doubt.metres, doubt.metres, doubt.radians])
-        return matched
+        return scan, matched
 
     def _track(self, scan: Scan, before: NDArray[np.float64], doubt: Uncertainty) -> bool:
         """Correct `since` on the best particle's map, from the first of the motions offered that leads to a match."""

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from services.edge_worker.slam.gmapping_settings import GMappingSettings
 from services.edge_worker.slam.hill_climb import climb, climb_all, found_walls, search
 from services.edge_worker.slam.patch_map import PatchMap
-from services.edge_worker.slam.scan import Points
+from services.edge_worker.slam.scan import Points, Scan, unslipped
 
 SEARCH_POINTS = 90
 """the coarse search matches so many points at most"""
 FINEST_TURN_RAD = 0.01
+SLIP_RADPS, SLIP_ROUNDS, SLIP_GAIN = 0.6, 6, 1.002
+"""first change of the turn rate that is tried, how often, and the share by which it must better the score"""
 WIDE = 2.5
 """the search looks so many standard deviations to each side"""
 
@@ -47,6 +49,36 @@ class ParticleMatcher:
         if found < self.settings.min_found * len(cells):
             return guess, False
         return self._metres(pose), True
+
+    def unslip(
+        self, scan: Scan, pose: NDArray[np.float64], doubt: Uncertainty, particle: int
+    ) -> tuple[Scan, NDArray[np.float64], NDArray[np.float64]]:
+        """Where the velocity within the sweep was a guess: the turn rate, and with it the pose, that fit best.
+
+        Returns the scan compensated anew, its pose (3,), and what the guess was off by (3,): m/s, m/s, rad/s.
+        """
+        best, (reached, score) = scan, self._refine(scan.points, pose, doubt, particle)
+        slip, step = 0.0, SLIP_RADPS
+        for _ in range(SLIP_ROUNDS):
+            for tried in (slip - step, slip + step):
+                turned = unslipped(scan, np.array([0.0, 0.0, tried]))
+                there, gain = self._refine(turned.points, pose, doubt, particle)
+                if gain > score * SLIP_GAIN:
+                    best, reached, score, slip = turned, there, gain, tried
+                    break
+            else:
+                step /= 2.0
+        return best, reached, np.array([0.0, 0.0, slip])
+
+    def _refine(
+        self, points: Points, pose: NDArray[np.float64], doubt: Uncertainty, particle: int
+    ) -> tuple[NDArray[np.float64], float]:
+        cells = self._thinned(points, self.settings.match_points)
+        start = self._cells(pose)
+        x, y, theta, score = climb(
+            cells, start, start, self._pull(doubt, len(cells)), *self._climbing(), *self._map(particle)
+        )
+        return self._metres(np.array([x, y, theta])), score
 
     def climb(self, points: Points, poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Every particle climbs from its pose (n, 3) on its own map: the poses reached, and log-likelihoods (n,)."""
