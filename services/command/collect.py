@@ -23,12 +23,14 @@ from common.wire import (
     GlobalMapNotice,
     Message,
     OverlapMatrix,
+    PairVerdict,
     Plan,
     RobotStatus,
     Routes,
     SchedulerStatus,
     TrajectoryPage,
     Transforms,
+    Verdicts,
 )
 
 M = TypeVar("M", bound=Message)
@@ -51,6 +53,8 @@ class Statuses:
     routes: Routes | None = None
     plan: Plan | None = None
     overlap: OverlapMatrix | None = None
+    verdicts: tuple[PairVerdict, ...] = ()
+    """of all pairs of robots, by their names"""
 
 
 @dataclass(frozen=True)
@@ -116,7 +120,16 @@ async def statuses(bus: Bus) -> Statuses:
         routes=await one(bus, keys.SCHEDULER_ROUTES, Routes),
         plan=await one(bus, keys.SCHEDULER_PLAN, Plan),
         overlap=await one(bus, keys.SCHEDULER_OVERLAP, OverlapMatrix),
+        verdicts=await _verdicts(bus),
     )
+
+
+async def _verdicts(bus: Bus) -> tuple[PairVerdict, ...]:
+    """The cloud's word on a pair goes before an edge's."""
+    edges = await several(bus, keys.edge_verdicts(keys.ANY), Verdicts)
+    cloud = await several(bus, keys.CLOUD_VERDICTS, Verdicts)
+    pairs = {(pair.a, pair.b): pair for said in [*edges, *cloud] for pair in said.pairs}
+    return tuple(pairs[names] for names in sorted(pairs))
 
 
 async def one(bus: Bus, key: str, kind: type[M]) -> M | None:

@@ -1,4 +1,4 @@
-"""Finds out why a cluster does not work: the router, a round trip, versions, who is alive, who publishes what."""
+"""Finds out why a cluster does not work: router, round trip, versions, clocks, who is alive, who publishes what."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from services.command.report import machine, versions
 
 LISTEN_S = 1.5
 """longer than the second between two statuses of a service"""
+CLOCK_S = 0.5
+"""clocks that differ by more are worth the operator's attention"""
 
 LATCHED = (
     keys.robot_profile(keys.ANY),
@@ -55,12 +57,14 @@ async def examine(place: Place) -> AsyncIterator[Finding]:
         took = (time.monotonic() - started) * 1000
         yield Finding(True, "router", f"{place.endpoint} answers after {took:.0f} ms (found by {place.found})")
         yield await _round_trip(bus)
-        alive = await _alive(bus)
+        alive, clocks = await asyncio.gather(_alive(bus), _clocks(bus))
         yield Finding(bool(alive), "alive", ", ".join(sorted(alive)) or "nobody: start services, or check bus.root")
         for tier in ("scheduler", "cloud"):
             if alive and tier not in alive:
                 yield Finding(False, tier, f"is not there: `recslam {tier}` starts it")
-        async for finding in _published(bus, alive):
+        if clocks:
+            yield _compared(clocks)
+        async for finding in _published(bus):
             yield finding
         for problem in bus.problems:
             yield Finding(False, "refused", problem)
@@ -98,7 +102,31 @@ async def _alive(bus: Bus) -> set[str]:
     return found
 
 
-async def _published(bus: Bus, alive: set[str]) -> AsyncIterator[Finding]:
+async def _clocks(bus: Bus) -> dict[str, float]:
+    """Seconds by which each sender's clock is behind ours, by the status that came here fastest."""
+    behind: dict[str, float] = {}
+
+    async def listen() -> None:
+        async for received in bus.subscribe("**/status"):
+            if received.sent_s:
+                name = received.key.removesuffix("/status")
+                behind[name] = min(time.time() - received.sent_s, behind.get(name, float("inf")))
+
+    listening = asyncio.create_task(listen(), name="listen for statuses")
+    await asyncio.sleep(LISTEN_S)
+    listening.cancel()
+    return behind
+
+
+def _compared(behind: Mapping[str, float]) -> Finding:
+    farthest = max(behind, key=lambda name: abs(behind[name]))
+    seconds = behind[farthest]
+    way = "behind" if seconds > 0 else "ahead of"
+    text = f"{len(behind)} compared; farthest is {farthest}, {abs(seconds) * 1000:.0f} ms {way} ours, transfer included"
+    return Finding(abs(seconds) < CLOCK_S, "clocks", text)
+
+
+async def _published(bus: Bus) -> AsyncIterator[Finding]:
     robots = await collect.several(bus, keys.robot_status(keys.ANY), RobotStatus)
     routes = await collect.one(bus, keys.SCHEDULER_ROUTES, Routes)
     for robot in robots:

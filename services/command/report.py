@@ -36,6 +36,7 @@ def report(
         "realtime_factor": longest / elapsed_s if elapsed_s > 0 else None,
         "map": _map(result),
         "components": [list(component.robots) for component in result.notice.components],
+        "verdicts": [verdict.model_dump(mode="json") for verdict in statuses.verdicts],
         "unplaced": sorted({entry.id for entry in fleet.robots} - set(result.transforms.robots)),
         "completion": _completion(result.notice.trace),
         "bytes": _bytes(statuses),
@@ -104,6 +105,15 @@ def markdown(data: Mapping[str, Any]) -> str:
             *(f"| {name} | {error:.4f} |" for name, error in found["ate_m"].items()),
             "",
         ]
+    if data["verdicts"]:
+        lines += [
+            "## Verdicts on pairs of robot maps",
+            "",
+            "| pair | verdict | overlap | agreement | conflict | runner-up | reason |",
+            "|---|---|---|---|---|---|---|",
+            *(_verdict_row(verdict) for verdict in data["verdicts"]),
+            "",
+        ]
     host = ", ".join(f"{name} {value}" for name, value in data["machine"].items())
     used = ", ".join(f"{name} {value}" for name, value in data["versions"].items())
     return "\n".join([*lines, f"Machine: {host}. Versions: {used}.", ""])
@@ -168,3 +178,8 @@ def _components(components: list[list[str]]) -> str:
 def _stage_row(name: str, times: Mapping[str, float]) -> str:
     cells = (f"{times[stage]:.4f}" if times[stage] else "" for stage in ("pack", "transfer", "slam", "fuse"))
     return f"| {name} | {' | '.join(cells)} |"
+
+
+def _verdict_row(verdict: Mapping[str, Any]) -> str:
+    shares = " | ".join(f"{verdict[name]:.3f}" for name in ("overlap", "agreement", "conflict", "runner_up"))
+    return f"| {verdict['a']}, {verdict['b']} | {verdict['kind']} | {shares} | {verdict['reason']} |"

@@ -88,6 +88,7 @@ def test_doctor_finds_a_sound_cluster_sound(kept: Kept) -> None:
     assert "BAD" not in text
     assert "cloud, edge/edge-1, edge/edge-2, robot/r1, robot/r2, scheduler" in text
     assert "cloud/map: GlobalMapNotice" in text
+    assert "clocks: 6 compared" in text
 
 
 def test_the_map_can_be_saved_from_outside(kept: Kept, tmp_path: Path) -> None:
