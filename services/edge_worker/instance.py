@@ -260,7 +260,8 @@ class Instance:
         if self.phase is not Phase.RUNNING or not self._complete():
             return []
         self.phase = Phase.FINISHING
-        return [*self._acknowledge(), Finish(self.robot, self.life)]
+        news = self._acknowledge() if self.processed != self.acknowledged else []
+        return [*news, Finish(self.robot, self.life)]
 
     def _acknowledge(self) -> Instructions:
         self.acknowledged = self.processed

@@ -170,11 +170,9 @@ class SchedulerState:
         return sorted(edge for edge, seen in self.edges.items() if seen.alive)
 
     def reachable(self, robot: str, edges: list[str]) -> list[str]:
-        """Those of the edges that the robot can reach."""
+        """Those of the edges that the robot can reach; none before its profile tells."""
         profile = self.profiles.get(robot)
-        if profile is None or profile.edges is None:
-            return edges
-        return [edge for edge in edges if edge in profile.edges]
+        return [edge for edge in edges if profile is not None and (profile.edges is None or edge in profile.edges)]
 
     def load(self) -> Counter[str]:
         """How many present robots each edge runs."""
@@ -213,8 +211,8 @@ class SchedulerState:
         reasons = []
         for robot, seen in sorted(self.robots.items()):
             route = self.routes.get(robot)
-            if route is None and (not seen.alive or robot not in self.profiles):
-                continue
+            if robot not in self.profiles or (route is None and not seen.alive):
+                continue  # where it reaches is not known
             if route is None or route.slam_edge not in self.reachable(robot, usable):
                 reasons += self._put(robot, route)
             elif route.fuse_edge not in usable:

@@ -1,0 +1,200 @@
+"""What the cloud fetches, solves and composes, by events; and any order of them."""
+
+from __future__ import annotations
+
+from cloud_samples import Cluster, cover, edge_notice, map_notice, routes, solved, verdicts
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from services.cloud_merger.events import (
+    Compose,
+    Composed,
+    EdgeMapNoticed,
+    FetchFailed,
+    FetchPart,
+    FetchSketch,
+    Forget,
+    Instruction,
+    MapNoticed,
+    PartFetched,
+    Routed,
+    SketchFetched,
+    Solve,
+    Solved,
+    Tick,
+    VerdictsCame,
+)
+from services.cloud_merger.state import CloudState
+
+
+def only(kind: type, steps: list[Instruction]) -> Instruction:
+    (step,) = [step for step in steps if isinstance(step, kind)]
+    return step
+
+
+def sketched(state: CloudState, robot: str, edge: str, version: int, final: bool = False) -> list[Instruction]:
+    steps = state.handle(MapNoticed(map_notice(robot, edge, version, final)))
+    step = only(FetchSketch, steps if final else state.handle(Tick()))
+    return state.handle(SketchFetched(step))
+
+
+def settled(expected: tuple[str, ...] = ("r1", "r2")) -> tuple[CloudState, Solve]:
+    """r1 and r2 run and fused at e1 and e2, all final; and the final solve."""
+    state = CloudState(expected=expected)
+    state.handle(Routed(routes(1, {"r1": "e1", "r2": "e2"})))
+    sketched(state, "r1", "e1", 1, final=True)
+    return state, only(Solve, sketched(state, "r2", "e2", 1, final=True))
+
+
+def part(state: CloudState, edge: str, robot: str, version: int, final: bool = True) -> list[Instruction]:
+    assert state.world is not None
+    covers = {robot: cover(1)}
+    notice = edge_notice(edge, version, state.world.world_epoch, covers, final)
+    step = only(FetchPart, [*state.handle(EdgeMapNoticed(notice)), *state.handle(Tick())])
+    return state.handle(PartFetched(step, version, notice.world_epoch, covers, final))
+
+
+def test_a_sketch_is_fetched_only_from_the_robots_present_owner() -> None:
+    state = CloudState()
+    state.handle(Routed(routes(1, {"r1": "e1"})))
+    assert state.handle(MapNoticed(map_notice("r1", "e2", 1, final=True))) == []
+    assert state.handle(MapNoticed(map_notice("r1", "e1", 1, True, (1, 9)))) == []
+    assert state.handle(MapNoticed(map_notice("r1", "e1", 1, final=True))) != []
+
+
+def test_a_failed_fetch_is_tried_again_at_the_next_tick() -> None:
+    state = CloudState()
+    state.handle(Routed(routes(1, {"r1": "e1"})))
+    step = only(FetchSketch, state.handle(MapNoticed(map_notice("r1", "e1", 1, final=True))))
+    assert state.handle(Tick()) == []
+    state.handle(FetchFailed(step))
+    only(FetchSketch, state.handle(Tick()))
+
+
+def test_nothing_is_final_before_every_expected_robot_has_come() -> None:
+    state = CloudState(expected=("r1", "r2"))
+    state.handle(Routed(routes(1, {"r1": "e1"})))
+    assert sketched(state, "r1", "e1", 1, final=True) == []
+    assert not only(Solve, state.handle(Tick())).final
+
+
+def test_the_final_world_is_solved_as_soon_as_all_maps_are_final() -> None:
+    _, solve = settled()
+    assert (solve.robots, solve.pairs, solve.final) == (("r1", "r2"), (("r1", "r2"),), True)
+
+
+def test_the_final_world_waits_for_the_edges_final_verdicts() -> None:
+    state = CloudState(expected=("r1", "r2"))
+    state.handle(Routed(routes(1, {"r1": "e1", "r2": "e1"})))
+    sketched(state, "r1", "e1", 1, final=True)
+    sketched(state, "r2", "e1", 1, final=True)
+    state.handle(VerdictsCame("e1", verdicts("e1", ("r1", "r2"), versions=(0, 1))))
+    assert not state.ready_to_settle()
+    steps = state.handle(VerdictsCame("e1", verdicts("e1", ("r1", "r2"))))
+    solve = only(Solve, steps)
+    assert solve.final
+    assert [(each.a, each.b) for each in solve.verdicts] == [("r1", "r2")]
+    assert solve.pairs == ()
+
+
+def test_the_final_map_is_composed_once_every_part_is_final() -> None:
+    state, solve = settled()
+    state.handle(Solved(solved(solve, {"r1": 1, "r2": 1})))
+    assert part(state, "e1", "r1", 5) == []
+    compose = only(Compose, part(state, "e2", "r2", 6))
+    assert compose.final
+    assert compose.versions == {"e1": 5, "e2": 6}
+    assert set(compose.covers) == {"r1", "r2"}
+
+
+def test_a_composition_that_failed_is_tried_again() -> None:
+    state, solve = settled()
+    state.handle(Solved(solved(solve, {"r1": 1, "r2": 1})))
+    part(state, "e1", "r1", 5)
+    part(state, "e2", "r2", 6)
+    assert state.handle(Composed(well=False)) == []
+    assert only(Compose, state.handle(Tick())).final
+
+
+def test_a_solve_that_failed_is_tried_again() -> None:
+    state, _ = settled()
+    state.handle(Solved(None))
+    assert only(Solve, state.handle(Tick())).final
+
+
+def test_a_robot_in_the_maps_of_two_edges_is_never_counted_twice() -> None:
+    state = CloudState()
+    state.handle(Routed(routes(1, {"r1": "e1", "r2": "e2"})))
+    sketched(state, "r1", "e1", 1)
+    world = solved(only(Solve, state.handle(Tick())), {"r1": 1})
+    state.handle(Solved(world))
+    covers = {"r1": cover(1), "r2": cover(1)}
+    for edge in ("e1", "e2"):
+        state.handle(EdgeMapNoticed(edge_notice(edge, 3, world.world_epoch, covers)))
+    steps = state.handle(Tick())
+    for step in [step for step in steps if isinstance(step, FetchPart)]:
+        came = state.handle(PartFetched(step, 3, world.world_epoch, covers, False))
+        assert not [each for each in came if isinstance(each, Compose)]
+
+
+def test_a_part_newer_than_its_notice_is_not_fetched_in_a_circle() -> None:
+    state, solve = settled()
+    state.handle(Solved(solved(solve, {"r1": 1, "r2": 1})))
+    assert state.world is not None
+    notice = edge_notice("e1", 5, state.world.world_epoch, {"r1": cover(1)})
+    state.handle(EdgeMapNoticed(notice))
+    step = only(FetchPart, state.handle(Tick()))
+    assert state.handle(PartFetched(step, 6, state.world.world_epoch, {"r1": cover(1)}, True)) == []
+
+
+def test_a_new_world_is_above_any_that_an_edge_has_rendered() -> None:
+    state = CloudState()
+    state.handle(Routed(routes(1, {"r1": "e1"})))
+    state.handle(EdgeMapNoticed(edge_notice("e1", 3, 41, {"r1": cover(1)})))
+    sketched(state, "r1", "e1", 1)
+    steps = state.handle(Tick())
+    assert only(Solve, steps).above == 41
+
+
+def test_a_robot_routed_no_more_is_forgotten() -> None:
+    state, _ = settled()
+    assert state.handle(Routed(routes(2, {"r1": "e1"}))) == [Forget("r2")]
+
+
+def test_a_later_final_map_makes_another_final_world() -> None:
+    state, solve = settled()
+    state.handle(Solved(solved(solve, {"r1": 1, "r2": 1})))
+    assert only(Solve, sketched(state, "r1", "e1", 2, final=True)).final
+
+
+@settings(max_examples=200, deadline=None)
+@given(seed=st.integers(0, 2**32), steps=st.integers(0, 150), robots=st.integers(1, 4), edges=st.integers(1, 3))
+def test_whatever_happens_before_the_end_is_one_final_map_of_everybody(
+    seed: int, steps: int, robots: int, edges: int
+) -> None:
+    cluster = Cluster(seed, tuple(f"r{k}" for k in range(robots)), tuple(f"e{k}" for k in range(edges)))
+    rng = cluster.random
+    cluster.route()
+    for _ in range(steps):
+        choice = rng.random()
+        if choice < 0.3:
+            cluster.tell_map(rng.choice(cluster.robots), rng.random() < 0.4)
+        elif choice < 0.35:
+            cluster.move()
+        elif choice < 0.5:
+            cluster.fuse_edge(rng.choice(cluster.edges))
+        elif choice < 0.6:
+            cluster.give(Tick())
+        else:
+            cluster.carry_out(fail=rng.random() < 0.2)
+    cluster.settle()
+    for compose in cluster.composed:
+        if compose.final:
+            assert set(compose.covers) == set(cluster.robots)
+    last, finals = cluster.composed[-1], [solve for solve in cluster.solves if solve.final]
+    assert last.final
+    assert dict(last.covers) == {robot: cluster.maps[robot].cover for robot in cluster.robots}
+    assert finals[-1].robots == cluster.robots
+    decided = {*finals[-1].pairs, *((each.a, each.b) for each in finals[-1].verdicts)}
+    assert decided == {(a, b) for a in cluster.robots for b in cluster.robots if a < b}
+    assert all(each.final for each in finals[-1].verdicts)
