@@ -85,6 +85,11 @@ class Grid:
         dense, origin = self.dense()
         return occupancy(dense), origin
 
+    def known_m2(self) -> float:
+        """Area of the cells that have been visited, m²."""
+        known = sum(int(np.count_nonzero(counts[1])) for counts in self.tiles.values())
+        return known * self.resolution**2
+
     def digest(self) -> str:
         """SHA-256 over resolution and counts; equal for equal maps, however they came about."""
         sha = hashlib.sha256(np.float64(self.resolution).tobytes())

@@ -15,6 +15,7 @@ from common.wire.edge import (
     PoseUpdate,
     Verdicts,
 )
+from common.wire.link import LinkStatus
 from common.wire.pages import FramePage, Refusal, Tile, TilePage, TrajectoryPage
 from common.wire.robot import EndOfStream, Frame, LaserScan, RobotProfile, RobotStatus
 from common.wire.scheduler import OverlapMatrix, Plan, Route, Routes, SchedulerStatus
@@ -36,6 +37,7 @@ __all__ = [
     "FramePage",
     "GlobalMapNotice",
     "InstanceStatus",
+    "LinkStatus",
     "LaserScan",
     "MapNotice",
     "Message",

@@ -6,6 +6,7 @@ import math
 
 from common.wire.base import Covers, Message, Name, Part
 from common.wire.edge import Component
+from common.wire.link import LinkStatus
 
 
 class FixedPose(Part):
@@ -92,4 +93,6 @@ class CloudStatus(Message):
     stages: dict[str, float]
     counters: dict[str, int]
     bytes_in: int = 0
+    links: tuple[LinkStatus, ...] = ()
+    """ways from edges"""
     problems: tuple[str, ...] = ()

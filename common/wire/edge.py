@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from common.wire.base import Cover, Covers, Epoch, Message, Name, Part, PoseTuple, StreamId
+from common.wire.link import LinkStatus
 
 
 class Ack(Message):
@@ -107,6 +108,8 @@ class EdgeMapNotice(Message):
     """time of the last preparative fusion"""
     transfer_s: float = 0.0
     """time to fetch the robot maps for it"""
+    area_m2: float = 0.0
+    """known cells"""
 
 
 class Claims(Message):
@@ -144,5 +147,7 @@ class EdgeStatus(Message):
     """drops, refusals, restarts; all since start"""
     bytes_in: int = 0
     bytes_out: int = 0
+    links: tuple[LinkStatus, ...] = ()
+    """ways from robots, and from edges that run SLAM for maps fused here"""
     problems: tuple[str, ...] = ()
     """last refusals, each with its sender"""

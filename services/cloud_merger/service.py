@@ -13,6 +13,7 @@ from common.bus.tiles import TILE_BYTES, fetch_tiles, tile_page
 from common.config import Fleet
 from common.errors import PeerError, QueryFailed, WorkerDied
 from common.grid.versions import count_of
+from common.link import LinkMeter
 from common.service import Stopped, until_stopped
 from common.telemetry import process_stats
 from common.wire import (
@@ -54,7 +55,7 @@ class CloudMerger:
         self._stages: dict[str, float] = {}
         self._shown: GlobalMapNotice | None = None
         self._problems: deque[str] = deque(maxlen=16)
-        self._tasks = asyncio.TaskGroup()
+        self._links, self._tasks = LinkMeter(), asyncio.TaskGroup()
 
     async def run(self) -> None:
         try:
@@ -160,6 +161,7 @@ class CloudMerger:
         begin, edge = asyncio.get_running_loop().time(), step.notice.edge
         try:
             delta = await fetch_tiles(self._bus, keys.edge_map(edge), step.since)
+            self._links.took(f"edge/{edge}", delta.size, asyncio.get_running_loop().time() - begin)
             tiles = [(tile.x, tile.y, tile.data) for tile in delta.tiles]
             part = {"resolution": delta.resolution, "version": delta.version, "whole": delta.whole}
             await self._call("put_part", edge=edge, tiles=tiles, **part)
@@ -258,6 +260,7 @@ class CloudMerger:
                 stages=dict(self._stages),
                 counters={**self.state.counters, "messages refused": refused, "dropped": self._bus.counters.dropped},
                 bytes_in=self._bus.counters.received_bytes,
+                links=self._links.statuses(),
                 problems=(*self._bus.problems, *self._problems)[-16:],
             )
             await self._bus.latch(keys.CLOUD_STATUS, status)

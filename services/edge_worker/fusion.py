@@ -11,6 +11,7 @@ from common.bus import Bus, keys
 from common.bus.tiles import TILE_BYTES, fetch_tiles, tile_page
 from common.config import Fleet
 from common.errors import PeerError, WorkerDied
+from common.link import LinkMeter
 from common.wire import Component, Cover, EdgeMapNotice, MapNotice, Message, Routes, Transforms, decode, encode
 from common.workers import Worker, WorkerError
 from services.edge_worker import fusing
@@ -24,8 +25,8 @@ log = logging.getLogger(__name__)
 class Fusion:
     """Fetches the robot maps that the routing table sends here, fuses them and shows the edge map."""
 
-    def __init__(self, fleet: Fleet, edge: str, bus: Bus) -> None:
-        self._fleet, self._edge, self._bus = fleet, edge, bus
+    def __init__(self, fleet: Fleet, edge: str, bus: Bus, links: LinkMeter) -> None:
+        self._fleet, self._edge, self._bus, self._links = fleet, edge, bus, links
         self.state = FusingState(edge)
         self._worker: Worker | None = None
         self._steps: asyncio.Queue[fusing.Instruction] = asyncio.Queue(maxsize=4096)
@@ -90,6 +91,8 @@ class Fusion:
         notice = step.notice
         try:
             delta = await fetch_tiles(self._bus, keys.edge_robot_map(notice.edge, notice.robot), step.since)
+            if notice.edge != self._edge:
+                self._links.took(f"edge/{notice.edge}", delta.size, asyncio.get_running_loop().time() - begin)
             cover = delta.covers.get(notice.robot)
             await self._call(
                 "put",
@@ -137,6 +140,7 @@ class Fusion:
             final=step.whole and done["final"] and step.world is not None and step.world.final,
             fuse_s=self.stages.get("fuse", 0.0),
             transfer_s=self.stages.get("transfer", 0.0),
+            area_m2=done["area_m2"],
         )
         self._shown = notice
         await self._bus.latch(keys.edge_map(self._edge), notice)

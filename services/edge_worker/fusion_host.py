@@ -92,6 +92,7 @@ class FusionHost:
             "version": self._product.version,
             "world_epoch": epoch,
             "resolution": resolution,
+            "area_m2": self._product.known_m2(),
             "seconds": time.perf_counter() - begin,
         }
 

@@ -67,5 +67,6 @@ class Report:
             counters=counters,
             bytes_in=bus.counters.received_bytes,
             bytes_out=bus.counters.sent_bytes,
+            links=edge.links.statuses(),
             problems=(*bus.problems, *self._problems)[-PROBLEMS:],
         )

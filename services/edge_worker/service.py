@@ -19,6 +19,7 @@ from common.bus import Bus, Stream, keys
 from common.bus.intake import Received
 from common.config import Fleet
 from common.errors import BadMessage, PeerError, WorkerDied
+from common.link import LinkMeter
 from common.service import Stopped, until_stopped
 from common.wire import (
     Ack,
@@ -63,8 +64,9 @@ class EdgeWorker:
     def __init__(self, fleet: Fleet, edge: str, bus: Bus, workers: int, stop: asyncio.Event) -> None:
         self._fleet, self.edge, self._bus, self._stop = fleet, edge, bus, stop
         self.state = EdgeState(edge, workers, fleet.edge.window, first_life=secrets.randbits(31))
+        self.links = LinkMeter()
         self._pool = Pool(workers, fleet.slam.kernel, lambda number: self._feed(slam.WorkerDied(number)))
-        self._fusion = Fusion(fleet, edge, bus)
+        self._fusion = Fusion(fleet, edge, bus, self.links)
         self.maps = RobotMaps(edge, self.state, self._pool, bus)
         self._frames: dict[str, Stream[Received]] = {}
         self._tasks = asyncio.TaskGroup()
@@ -213,6 +215,7 @@ class EdgeWorker:
         params: dict[str, str | int] = {"from": step.start}
         if step.stream:
             params["stream"] = step.stream
+        begin = time.monotonic()
         try:
             answers = await self._bus.get(keys.robot_backfill(step.robot), params)
         except PeerError as error:
@@ -222,6 +225,7 @@ class EdgeWorker:
         if not isinstance(page, FramePage):
             self._feed(slam.FetchFailed(step.robot, step.life))
             return
+        self.links.took(f"robot/{step.robot}", sum(map(len, page.frames)), time.monotonic() - begin)
         frames = tuple(frame for data in page.frames if (frame := self._spooled(data, step.robot)) is not None)
         self._feed(slam.PageCame(step.robot, step.life, page.stream, frames, page.oldest, page.next))
 

@@ -19,6 +19,7 @@ from common.wire import (
     GlobalMapNotice,
     InstanceStatus,
     LaserScan,
+    LinkStatus,
     MapNotice,
     Message,
     OverlapMatrix,
@@ -45,6 +46,7 @@ STREAM = "0123456789abcdef" * 2
 POSE = (1.5, -2.25, 0.125)
 COVER = Cover(stream=STREAM, seq=9, epoch=(1, 2))
 COMPONENT = Component(id="r1", robots=("r1", "r2"), transforms={"r1": (0.0, 0.0, 0.0), "r2": POSE})
+LINK = LinkStatus(peer="robot/r1", bytes_per_s=5e6, delay_s=0.25, pages=3)
 TIMES = StageTimes(pack=0.25, transfer=0.5, slam=0.75, fuse=1.0)
 SCAN = LaserScan(
     angle_min=-1.5,
@@ -109,6 +111,7 @@ SAMPLES: dict[str, Message] = {
             final=True,
             fuse_s=0.5,
             transfer_s=0.25,
+            area_m2=12.5,
         ),
         Claims(edge="e1", claims={"r1": (1, 2)}, epoch=(1, 3)),
         EdgeStatus(
@@ -126,6 +129,7 @@ SAMPLES: dict[str, Message] = {
             counters={"dropped": 1},
             bytes_in=1,
             bytes_out=2,
+            links=(LINK,),
             problems=("robot/r9: no",),
         ),
         Transforms(
@@ -157,6 +161,7 @@ SAMPLES: dict[str, Message] = {
             rss_mb=90.5,
             stages={"merge": 0.5},
             counters={"refused": 0},
+            links=(LINK,),
         ),
         Routes(epoch=(1, 2), routes={"r1": Route(slam_edge="e1", fuse_edge="e2", epoch=(1, 1))}),
         OverlapMatrix(robots=("r1", "r2"), weights=np.array([0.0, 0.25, 0.25, 0.0]), source={"sketch": 1}),
@@ -164,6 +169,7 @@ SAMPLES: dict[str, Message] = {
             epoch=(1, 2),
             policy="paper",
             groups={"e1": ("r1", "r2")},
+            slam={"r1": "e1", "r2": "e2"},
             in_group={"e1": 0.25},
             cut=0.0,
             predicted={"t_c": 1.5},
@@ -180,6 +186,7 @@ SAMPLES: dict[str, Message] = {
             moved=0,
             stages={"plan": 0.001},
             counters={"refused": 0},
+            measured={"speed e1": 0.5},
         ),
         FramePage(robot="r1", stream=STREAM, frames=(b"abc", b""), oldest=0, next=2),
         TilePage(

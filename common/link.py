@@ -1,0 +1,46 @@
+"""How fast bytes come from each peer, out of the pages that had to be fetched anyway."""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict, deque
+from statistics import median
+
+from common.wire import LinkStatus
+
+RECENT = 32
+SPREAD_BYTES = 4096
+"""pages that differ by less say nothing about speed when compared"""
+ENOUGH_PAIRS = 8
+
+
+class LinkMeter:
+    """Robust against the odd page that waited for something else: medians throughout (Theil-Sen line)."""
+
+    def __init__(self) -> None:
+        self._pages: dict[str, deque[tuple[int, float]]] = defaultdict(lambda: deque(maxlen=RECENT))
+
+    def took(self, peer: str, size: int, seconds: float) -> None:
+        """A page of `size` bytes from `peer` came `seconds` after it had been asked for."""
+        if size > 0 and seconds > 0:
+            self._pages[peer].append((size, seconds))
+
+    def statuses(self) -> tuple[LinkStatus, ...]:
+        return tuple(
+            LinkStatus(peer=peer, bytes_per_s=speed, delay_s=delay, pages=len(pages))
+            for peer, pages in sorted(self._pages.items())
+            for speed, delay in [line(list(pages))]
+        )
+
+
+def line(pages: list[tuple[int, float]]) -> tuple[float, float]:
+    """(bytes/s, delay s) through (bytes, s) pages; all is put down to speed where sizes are too much alike."""
+    slopes = [
+        (late - soon) / (large - small)
+        for (small, soon), (large, late) in itertools.combinations(sorted(pages), 2)
+        if large - small >= SPREAD_BYTES
+    ]
+    slope = median(slopes) if len(slopes) >= ENOUGH_PAIRS else 0.0
+    if slope <= 0:
+        return median(size / seconds for size, seconds in pages), 0.0
+    return 1 / slope, max(0.0, median(seconds - size * slope for size, seconds in pages))
