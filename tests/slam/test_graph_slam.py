@@ -145,6 +145,17 @@ def shifted(frame: Frame, by: float) -> Frame:
     return changed(frame, stamp=frame.stamp + by, odometry=frame.odometry + step, imu=frame.imu + step)
 
 
+def test_nonsense_from_wheels_and_gyro_is_not_believed() -> None:
+    rng, kernel = np.random.default_rng(4), GraphSlam.create({}, 0)
+    for frame in driven():
+        odometry, imu = frame.odometry.copy(), frame.imu.copy()
+        if rng.random() < 0.1:
+            odometry[rng.integers(len(odometry)), 1:] = rng.choice([1e300, -1e9, np.nan, 50.0])
+            imu[rng.integers(len(imu)), 1] = rng.choice([1e300, -1e6, np.nan, 200.0])
+        kernel.process(changed(frame, odometry=odometry, imu=imu))
+    assert error(kernel, robot()).rmse < 0.05
+
+
 def test_robots_that_pass_by_are_cleared_from_the_map() -> None:
     alone, among = run(driven()).map(), run(driven(peers=("r2", "r3", "r4"))).map()
     walls, seen = (set(map(tuple, np.argwhere(cells(grid)))) for grid in (alone, among))

@@ -14,7 +14,7 @@ from common.wire.codec import explain
 class GraphSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    resolution_m: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
+    resolution_m: Annotated[float, Field(ge=0.02, le=0.5)] = 0.05
     """cell of the robot map"""
     range_m: Annotated[float, Field(gt=0, le=60)] = 30.0
     """points further off are dropped"""

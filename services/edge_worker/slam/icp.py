@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from services.edge_worker.slam.scan import Points
-from services.edge_worker.slam.surfels import CELL, SAME_SIDE, SurfelMap
+from services.edge_worker.slam.surfels import CELL, SurfelMap, faces
 
 ITERATIONS = 15
 STEP_M = 2e-4
@@ -117,16 +117,13 @@ def solve(
     for iteration in range(iterations):
         scale = WIDE_M if iteration < WIDE_ITERATIONS else NARROW_M
         inliers = _normal_equations(index, sums, chain, points, normals, times, pose, slip, scale, hessian, gradient)
-        system = hessian.copy()
-        c, s = np.cos(pose[2]), np.sin(pose[2])
-        dx, dy = pose[0] - prior[0], pose[1] - prior[1]
-        gradient[0] += weights[0] * (c * dx + s * dy)
-        gradient[1] += weights[1] * (-s * dx + c * dy)
-        gradient[2] += weights[2] * ((pose[2] - prior[2] + np.pi) % (2 * np.pi) - np.pi)
+        _pull(gradient, weights, pose, prior)
         _tether(gradient, weights, slip, velocity, before, rates, pose)
+        system = hessian.copy()
         for k in range(6):
             system[k, k] += weights[k]
         step = _solve(system, gradient, size)
+        c, s = np.cos(pose[2]), np.sin(pose[2])
         pose[0] -= c * step[0] - s * step[1]
         pose[1] -= s * step[0] + c * step[1]
         pose[2] -= step[2]
@@ -137,6 +134,18 @@ def solve(
             break
     pose[2] = (pose[2] + np.pi) % (2 * np.pi) - np.pi
     return pose, slip, hessian, inliers / max(len(points), 1)
+
+
+@njit(cache=True)
+def _pull(
+    gradient: NDArray[np.float64], weights: NDArray[np.float64], pose: NDArray[np.float64], prior: NDArray[np.float64]
+) -> None:
+    """Pull the pose to the prior."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    dx, dy = pose[0] - prior[0], pose[1] - prior[1]
+    gradient[0] += weights[0] * (c * dx + s * dy)
+    gradient[1] += weights[1] * (-s * dx + c * dy)
+    gradient[2] += weights[2] * ((pose[2] - prior[2] + np.pi) % (2 * np.pi) - np.pi)
 
 
 @njit(cache=True)
@@ -183,17 +192,14 @@ def _normal_equations(
     for k in range(len(points)):
         px, py, bx, by = points[k, 0], points[k, 1], normals[k, 0], normals[k, 1]
         if size == 6:
-            t = times[k]
-            cs, ss = np.cos(t * slip[2]), np.sin(t * slip[2])
-            px, py = t * slip[0] + cs * px - ss * py, t * slip[1] + ss * px + cs * py
-            bx, by = cs * bx - ss * by, ss * bx + cs * by
+            px, py, bx, by = _slipped(px, py, bx, by, slip, times[k])
         x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
         slot = nearest(index, sums, chain, x, y, c * bx - s * by, s * bx + c * by)
         if slot < 0:
             continue
-        count, norm = sums[slot, 0], np.hypot(sums[slot, 3], sums[slot, 4])
+        norm = np.hypot(sums[slot, 3], sums[slot, 4])
         nx, ny = sums[slot, 3] / norm, sums[slot, 4] / norm
-        off = nx * (x - sums[slot, 1] / count) + ny * (y - sums[slot, 2] / count)
+        off = nx * (x - sums[slot, 1] / sums[slot, 0]) + ny * (y - sums[slot, 2] / sums[slot, 0])
         if abs(off) < INLIER_M:
             inliers += 1
         weight = (scale * scale / (scale * scale + off * off)) ** 2 / NOISE_M**2
@@ -202,14 +208,36 @@ def _normal_equations(
         if size == 6:
             for m in range(3):
                 row[3 + m] = times[k] * row[m]
-        for m in range(size):
-            gradient[m] += weight * row[m] * off
-            for n in range(m + 1):
-                hessian[m, n] += weight * row[m] * row[n]
+        _accumulate(hessian, gradient, row, off, weight, size)
     for m in range(size):
         for n in range(m):
             hessian[n, m] = hessian[m, n]
     return inliers
+
+
+@njit(cache=True)
+def _slipped(
+    x: float, y: float, nx: float, ny: float, slip: NDArray[np.float64], time: float
+) -> tuple[float, float, float, float]:
+    """A point and its normal moved by a correction to the velocity over `time` s."""
+    c, s = np.cos(time * slip[2]), np.sin(time * slip[2])
+    return time * slip[0] + c * x - s * y, time * slip[1] + s * x + c * y, c * nx - s * ny, s * nx + c * ny
+
+
+@njit(cache=True)
+def _accumulate(
+    hessian: NDArray[np.float64],
+    gradient: NDArray[np.float64],
+    row: NDArray[np.float64],
+    off: float,
+    weight: float,
+    size: int,
+) -> None:
+    """Add one point's share to the gradient and the lower half of the Hessian."""
+    for m in range(size):
+        gradient[m] += weight * row[m] * off
+        for n in range(m + 1):
+            hessian[m, n] += weight * row[m] * row[n]
 
 
 @njit(cache=True)
@@ -230,7 +258,7 @@ def nearest(
         for column in range(i - 1, i + 2):
             slot = index[row & mask, column & mask]
             while slot >= 0:
-                if nx * sums[slot, 3] + ny * sums[slot, 4] > SAME_SIDE * np.hypot(sums[slot, 3], sums[slot, 4]):
+                if faces(sums, slot, nx, ny):
                     dx, dy = x - sums[slot, 1] / sums[slot, 0], y - sums[slot, 2] / sums[slot, 0]
                     square = dx * dx + dy * dy
                     if square < best:

@@ -179,7 +179,6 @@ class LoopCloser:
         agree, conflict = evidence(target.seen, points, alignment.pose)
         known = agree + conflict
         inliers = alignment.inliers * len(points) / max(known, 1)
-        self.last = (known / len(points), conflict / max(known, 1), inliers)
         if known < MIN_OVERLAP * len(points) or conflict > MAX_CONFLICT * known:
             return None
         if inliers < self.settings.loop_inliers:

@@ -29,10 +29,14 @@ MAX_TURN = 4.0
 """rad/s"""
 JUMP_M = 1.0
 """m by which odometry may break that limit between two frames, whatever their stamps"""
+LONGEST_S = 60.0
+"""s; no gap between frames excuses more motion than this one"""
 HISTORY = 8
 """frames over which odometry may have stalled and then catches up"""
 BIAS_MEMORY_S = 20.0
 """the gyro's bias follows the matched rotation with this time constant"""
+GYRO_LIMIT = 35.0
+"""rad/s, what the usual ones can say; more is nonsense"""
 BIAS_LIMIT = 0.2
 """rad/s; more is no bias but a wrong match"""
 
@@ -82,12 +86,15 @@ class DeadReckoning:
             return np.zeros(3), False
         motion = self._coasted() if self.at is None or was_at is None else between(was_at, self.at)
         measured = self.at is not None and was_at is not None
-        if measured and np.hypot(motion[0], motion[1]) > JUMP_M + MAX_SPEED * max(self.dt, 0.0):
+        reach = JUMP_M + MAX_SPEED * min(max(self.dt, 0.0), LONGEST_S)
+        if measured and not np.hypot(motion[0], motion[1]) <= reach:
             motion, measured = self._coasted(), False
         if self.dt > 0.0 and _covers(self.imu, before, now):
-            yaw = self._gyro_yaw = self._yaw(before, now)
-            motion = compose(np.array([0.0, 0.0, (yaw - motion[2]) / 2]), motion)
-            motion[2] = wrap(yaw)
+            yaw = self._yaw(before, now)
+            if abs(yaw) <= GYRO_LIMIT * self.dt:
+                self._gyro_yaw = yaw
+                motion = compose(np.array([0.0, 0.0, (yaw - motion[2]) / 2]), motion)
+                motion[2] = wrap(yaw)
         return motion, measured
 
     @property
@@ -104,9 +111,10 @@ class DeadReckoning:
             poses = between(poses[-1], poses[:-1])
         else:
             poses = np.clip(times - self.stamp, -COAST_S, COAST_S)[:, None] * self.velocity
-        if _covers(self.imu, self.stamp, self.stamp):
+        if self._gyro_yaw is not None:
             poses[:, 2] = [self._yaw(self.stamp, time) for time in times]
-        return poses
+        near = np.hypot(poses[:, 0], poses[:, 1]) <= JUMP_M + MAX_SPEED * np.abs(times - self.stamp)
+        return poses if near.all() else np.zeros_like(poses)
 
     def alternatives(self) -> NDArray[np.float64]:
         """Other motions (k, 3) that are worth a try: going on as before, and odometry catching up after a stall."""

@@ -156,9 +156,7 @@ def project(
     ends = np.empty((beams, 2), np.float32)
     index = np.empty(beams, np.int32)
     silent = np.empty((beams, 2), np.float32)
-    n = m = knot = 0
-    still = len(times) < 2
-    x = y = theta = 0.0
+    n = m = 0
     for i in range(beams):
         r = ranges[i]
         clears = r == np.inf and clear > 0.0
@@ -167,22 +165,30 @@ def project(
         if clears:
             r = clear
         a = mount[2] + angle_min + angle_increment * i
-        px, py = mount[0] + r * np.cos(a), mount[1] + r * np.sin(a)
-        if not still:
-            t = start + time_increment * i
-            while knot < len(times) - 2 and times[knot + 1] < t:
-                knot += 1
-            w = (t - times[knot]) / (times[knot + 1] - times[knot])
-            x = poses[knot, 0] + w * (poses[knot + 1, 0] - poses[knot, 0])
-            y = poses[knot, 1] + w * (poses[knot + 1, 1] - poses[knot, 1])
-            theta = poses[knot, 2] + w * (poses[knot + 1, 2] - poses[knot, 2])
-            c, s = np.cos(theta), np.sin(theta)
-            px, py = x + c * px - s * py, y + s * px + c * py
+        x, y = mount[0] + r * np.cos(a), mount[1] + r * np.sin(a)
+        if len(times) > 1:
+            x, y = _compensated(x, y, start + time_increment * i, times, poses)
         if clears:
-            silent[m, 0], silent[m, 1] = px, py
+            silent[m, 0], silent[m, 1] = x, y
             m += 1
         else:
-            ends[n, 0], ends[n, 1] = px, py
+            ends[n, 0], ends[n, 1] = x, y
             index[n] = i
             n += 1
     return ends[:n].copy(), index[:n].copy(), silent[:m].copy()
+
+
+@njit(cache=True)
+def _compensated(
+    x: float, y: float, time: float, times: NDArray[np.float64], poses: NDArray[np.float64]
+) -> tuple[float, float]:
+    """A point of the base at `time` in the base at the stamp."""
+    knot = 0
+    while knot < len(times) - 2 and times[knot + 1] < time:
+        knot += 1
+    w = (time - times[knot]) / (times[knot + 1] - times[knot])
+    theta = poses[knot, 2] + w * (poses[knot + 1, 2] - poses[knot, 2])
+    c, s = np.cos(theta), np.sin(theta)
+    base_x = poses[knot, 0] + w * (poses[knot + 1, 0] - poses[knot, 0])
+    base_y = poses[knot, 1] + w * (poses[knot + 1, 1] - poses[knot, 1])
+    return base_x + c * x - s * y, base_y + s * x + c * y

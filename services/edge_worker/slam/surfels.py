@@ -88,27 +88,19 @@ def insert(
     pose: NDArray[np.float64],
 ) -> int:
     """Add points to surfels and field; returns the number of surfels."""
-    mask, fine_mask, reach = len(index) - 1, len(field) - 1, len(splat) // 2
+    mask = len(index) - 1
     c, s = np.cos(pose[2]), np.sin(pose[2])
     for k in range(len(points)):
         x = pose[0] + c * points[k, 0] - s * points[k, 1]
         y = pose[1] + s * points[k, 0] + c * points[k, 1]
-        fi, fj = int(np.floor(x / FINE)), int(np.floor(y / FINE))
-        for dj in range(-reach, reach + 1):
-            row = (fj + dj) & fine_mask
-            for di in range(-reach, reach + 1):
-                column = (fi + di) & fine_mask
-                field[row, column] = max(field[row, column], splat[dj + reach, di + reach])
+        _lay(field, splat, int(np.floor(x / FINE)), int(np.floor(y / FINE)))
         nx = c * normals[k, 0] - s * normals[k, 1]
         ny = s * normals[k, 0] + c * normals[k, 1]
         if nx == 0.0 and ny == 0.0:
             continue
         i, j = int(np.floor(x / CELL)), int(np.floor(y / CELL))
         slot = index[j & mask, i & mask]
-        while slot >= 0:
-            along = nx * sums[slot, 3] + ny * sums[slot, 4]
-            if along > SAME_SIDE * np.hypot(sums[slot, 3], sums[slot, 4]):
-                break
+        while slot >= 0 and not faces(sums, slot, nx, ny):
             slot = chain[slot]
         if slot < 0:
             slot = count
@@ -123,3 +115,21 @@ def insert(
         sums[slot, 3] += nx
         sums[slot, 4] += ny
     return count
+
+
+@njit(cache=True)
+def faces(sums: NDArray[np.float64], slot: int, nx: float, ny: float) -> bool:
+    """Does a surfel face as (nx, ny) does, give or take?"""
+    along = nx * sums[slot, 3] + ny * sums[slot, 4]
+    return bool(along > SAME_SIDE * np.hypot(sums[slot, 3], sums[slot, 4]))
+
+
+@njit(cache=True)
+def _lay(field: NDArray[np.uint8], splat: NDArray[np.uint8], i: int, j: int) -> None:
+    """Raise the likelihood around fine cell (i, j)."""
+    mask, reach = len(field) - 1, len(splat) // 2
+    for dj in range(-reach, reach + 1):
+        row = (j + dj) & mask
+        for di in range(-reach, reach + 1):
+            column = (i + di) & mask
+            field[row, column] = max(field[row, column], splat[dj + reach, di + reach])
