@@ -8,6 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from common.grid.grid import FREE, OCCUPIED
+
+PIXEL_M = 0.1
+LEVELS = 4
 RATIO = 0.85
 """a match must be this much nearer than the second best (Lowe's test)"""
 INLIER_M = 0.25
@@ -24,14 +28,36 @@ class Features(NamedTuple):
     """(n, 32)"""
 
 
-def find_features(image: NDArray[np.uint8], origin: NDArray[np.float64], resolution: float, count: int) -> Features:
-    """ORB key points of a map image (h, w) whose [0, 0] has its lower left corner at `origin` (m)."""
-    orb = cv2.ORB.create(nfeatures=count, fastThreshold=10)
-    keys, descriptors = orb.detectAndCompute(image, None)
+def find_features(raster: NDArray[np.int8], origin: NDArray[np.float64], resolution: float, count: int) -> Features:
+    """At most `count` ORB key points of an occupancy raster (h, w) whose [0, 0] has its lower left corner at `origin`.
+
+    Key points are looked for from PIXEL_M upwards: finer detail of a map is noise.
+    """
+    step = max(1, round(PIXEL_M / resolution))
+    orb = cv2.ORB.create(nfeatures=count, fastThreshold=10, nlevels=LEVELS)
+    keys, descriptors = orb.detectAndCompute(draw(raster, step), None)
     if descriptors is None:
         return Features(np.zeros((0, 2)), np.zeros((0, 32), np.uint8))
     pixels = np.array([key.pt for key in keys], np.float64)
-    return Features(origin + (pixels + 0.5) * resolution, np.asarray(descriptors, np.uint8))
+    return Features(origin + (pixels + 0.5) * (step * resolution), np.asarray(descriptors, np.uint8))
+
+
+def draw(raster: NDArray[np.int8], step: int) -> NDArray[np.uint8]:
+    """An occupancy raster as an image, `step` cells a pixel: a pixel with any wall is 0, else any free 255, else 128.
+
+    So walls are the strongest edge and frontiers a weak one.
+    """
+    block = np.ones((step, step), np.uint8)
+    wall, free = (
+        cv2.dilate((raster == value).astype(np.uint8), block, anchor=(step - 1, step - 1))[
+            step - 1 :: step, step - 1 :: step
+        ]
+        for value in (OCCUPIED, FREE)
+    )
+    image = np.full(wall.shape, 128, np.uint8)
+    image[free > 0] = 255
+    image[wall > 0] = 0
+    return image
 
 
 def propose_by_features(fa: Features, fb: Features, hypotheses: int, seed: int) -> NDArray[np.float64]:

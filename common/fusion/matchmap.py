@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from common.errors import Unmergeable
 from common.fusion.features import Features, find_features
 from common.fusion.walls import NearestWall, Walls, find_walls, nearest_wall, orientation_histogram
-from common.grid.grid import FREE, OCCUPIED, UNKNOWN, Grid
+from common.grid.grid import FREE, UNKNOWN, Grid
 
 MARGIN_M = 0.6
 """unknown border kept around the known area, so that walls at its edge have a full neighbourhood"""
@@ -105,12 +105,5 @@ class MatchMap:
     def features(self, count: int) -> Features:
         """At most `count` ORB key points; found once per count."""
         if count not in self._features:
-            self._features[count] = find_features(self.image, self.origin, self.resolution, count)
+            self._features[count] = find_features(self.occupancy, self.origin, self.resolution, count)
         return self._features[count]
-
-    @cached_property
-    def image(self) -> NDArray[np.uint8]:
-        """(h, w) wall 0, free 255, unknown 128: walls are the strongest edge, frontiers a weak one."""
-        lut = np.full(256, 128, np.uint8)
-        lut[int(FREE)], lut[int(OCCUPIED)] = 255, 0
-        return lut[self.occupancy.view(np.uint8)]

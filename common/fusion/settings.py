@@ -16,7 +16,7 @@ class FusionSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     # propose
-    coarse_m: Positive = 0.2
+    coarse_m: Positive = 0.25
     """cell of the correlation search"""
     rotations: Annotated[int, Field(ge=1, le=180)] = 4
     """candidate rotations from the wall orientations, each with its opposite"""
@@ -24,7 +24,7 @@ class FusionSettings(BaseModel):
     """translations kept per rotation"""
     repulsion: Annotated[float, Field(ge=0)] = 0.5
     """how strongly free space repels walls in the correlation, relative to wall on wall"""
-    features: Annotated[int, Field(ge=0, le=10_000)] = 1000
+    features: Annotated[int, Field(ge=0, le=10_000)] = 500
     """ORB key points per map; 0 switches the feature proposals off"""
     feature_hypotheses: Annotated[int, Field(ge=1, le=20)] = 4
     """distinct transforms taken from the feature matches"""
