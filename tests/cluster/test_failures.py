@@ -1,0 +1,100 @@
+"""Services die in the middle of a run: the final map is that of an undisturbed one."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from harness import Cluster, all_gone, children, cluster, fleet
+
+from common.bus import keys
+from common.wire import GlobalMapNotice, SchedulerStatus
+
+pytestmark = [pytest.mark.cluster, pytest.mark.timeout(240)]
+
+SOME = 40
+"""frames after which a run is in its middle"""
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> GlobalMapNotice:
+    """The final map of a single edge, without any trouble."""
+    return asyncio.run(without_trouble(tmp_path_factory.mktemp("undisturbed")))
+
+
+async def without_trouble(folder: Path) -> GlobalMapNotice:
+    async with cluster(fleet(count=1, topology="single-edge"), folder) as made:
+        await made.start_all()
+        final = await made.final()
+        pids = {pid for process in made.processes.values() for pid in children(process.pid)}
+        assert pids
+        assert set(await made.stop()) == {0}
+        assert await all_gone(pids)
+        assert made.faults() == []
+    return final
+
+
+async def finish(made: Cluster, undisturbed: GlobalMapNotice) -> None:
+    final = await made.final()
+    assert final.covers.keys() == undisturbed.covers.keys()
+    assert {robot: each.seq for robot, each in final.covers.items()} == {
+        robot: each.seq for robot, each in undisturbed.covers.items()
+    }
+    assert final.digest == undisturbed.digest
+    assert made.faults() == []
+
+
+async def test_a_killed_slam_worker_and_a_killed_edge_leave_no_trace_in_the_map(
+    tmp_path: Path, undisturbed: GlobalMapNotice
+) -> None:
+    async with cluster(fleet(), tmp_path) as made:
+        await made.start_all()
+        edge = await made.processed("r1", SOME)
+        status = await made.edge_status(edge, lambda status: bool(status.instances))
+        workers = slam_workers(made.processes[edge].pid)
+        assert workers, status
+        os.kill(min(workers), signal.SIGKILL)
+        other = await made.processed("r2", SOME)
+        pids = children(made.processes[other].pid)
+        await made.kill(other)
+        assert await all_gone(pids)
+        await finish(made, undisturbed)
+
+
+async def test_a_killed_cloud_and_a_killed_scheduler_are_started_again_and_the_run_completes(
+    tmp_path: Path, undisturbed: GlobalMapNotice
+) -> None:
+    async with cluster(fleet(topology="recslam"), tmp_path) as made:
+        await made.start_all()
+        before = await made.processed("r1", SOME)
+        await made.kill("cloud")
+        await made.kill("scheduler")
+        await made.start("cloud", "scheduler")
+        await finish(made, undisturbed)
+        assert await made.processed("r1", SOME) == before
+        status = await made.hear(keys.SCHEDULER_STATUS, SchedulerStatus, lambda _: True)
+        assert status.epoch[0] >= 2
+
+
+async def test_robots_with_an_edge_each_and_no_preparative_fusion_give_the_same_map(
+    tmp_path: Path, undisturbed: GlobalMapNotice
+) -> None:
+    source = fleet()
+    robots = tuple(robot.model_copy(update={"edges": (f"edge-{robot.id}",)}) for robot in source.robots)
+    edges = tuple({"id": f"edge-{robot.id}"} for robot in source.robots)
+    async with cluster(fleet(topology="cloud", robots=robots, edges=edges), tmp_path) as made:
+        await made.start_all()
+        await finish(made, undisturbed)
+
+
+def slam_workers(pid: int) -> set[int]:
+    """Children of an edge that run SLAM."""
+    found = set()
+    for child in children(pid):
+        with open(f"/proc/{child}/cmdline") as file:
+            if "SlamHost" in file.read():
+                found.add(child)
+    return found
