@@ -46,7 +46,7 @@ class Plan(Message):
     policy: str
     groups: dict[Name, tuple[Name, ...]]
     """fusing edge → robots"""
-    slam: dict[Name, Name] = {}
+    slam: dict[Name, Name]
     """robot → edge that runs its SLAM"""
     in_group: dict[Name, float]
     """fusing edge → sum of overlaps within its group"""
@@ -70,6 +70,6 @@ class SchedulerStatus(Message):
     moved: int
     stages: dict[str, float]
     counters: dict[str, int]
-    measured: dict[str, float] = {}
+    measured: dict[str, float]
     """what plans rest on: speeds of edges, seconds, bytes/s"""
     problems: tuple[str, ...] = ()

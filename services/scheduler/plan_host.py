@@ -10,13 +10,11 @@ from common.geometry.se2 import compose
 from common.grid.raster import Raster
 from common.grid.tiles import decode_occupancy
 from common.wire import OverlapMatrix, Transforms, decode, encode
-from services.scheduler.costs import Problem, predict
+from services.scheduler.costs import FusionModel, Problem, predict
 from services.scheduler.graph import cut, quantise
 from services.scheduler.overlap import Footprint, cells_of_raster, cells_of_route, lattice_cells, overlap_matrix
 from services.scheduler.policies import plan
 
-BANDWIDTH = 12.5e6
-"""bytes/s of a link between robot and edge that has not been measured: 100 Mbit/s"""
 SENSOR_M = 8.0
 """reach of a laser whose profile does not say"""
 
@@ -42,16 +40,19 @@ class PlanHost:
         kappa: int,
         tau: int,
         hysteresis: float,
+        fusion: list[float],
+        horizon: float,
     ) -> dict[str, Any]:
         """An assignment of the robots to the edges, compared with the present one, and the overlap matrix.
 
-        `robots`: name, reach (list of edge names or None), start, range_max, frame_bytes, slam_s, pack_s, frames,
-        slam, fuse; `edges`: name, speed, bandwidth, cores.
+        `robots`: name, reach (list of edge names or None), start, range_max, frame_bytes, bandwidth (one an edge),
+        slam_s, pack_s, rounds, slam, fuse; `edges`: name, speed, bandwidth, cores; `fusion`: the three coefficients of
+        the model; `horizon`: rounds over which a move must pay off. Times and bytes are those of one round.
         """
         world = decode(transforms) if transforms is not None else None
         footprints = [self._footprint(robot, world if isinstance(world, Transforms) else None) for robot in robots]
         overlap = overlap_matrix(footprints)
-        problem = make_problem(robots, edges, overlap.weights, footprints)
+        problem = make_problem(robots, edges, overlap.weights, footprints, FusionModel(*fusion), horizon)
         made = plan(problem, policy, budget_s=budget_s, kappa=kappa, tau=tau)
         names = [edge["name"] for edge in edges]
         present = np.array([names.index(robot["fuse"]) if robot["fuse"] in names else -1 for robot in robots])
@@ -104,15 +105,15 @@ class PlanHost:
             return False
         if np.array_equal(fuse, present) and np.array_equal(slam, problem.current_slam):
             return True
+        weights = quantise(problem.weights)
+        closer = float(cut(weights, present)) - float(cut(weights, fuse)) > hysteresis * float(weights.sum()) / 2
         if policy == "recslam":
-            now = predict(problem, problem.current_slam, present).total
-            return predict(problem, slam, fuse).total > (1 - hysteresis) * now
+            now, new = (predict(problem, *each).total for each in ((problem.current_slam, present), (slam, fuse)))
+            return new > (1 - hysteresis) * now and not (closer and new <= now)
         sizes = np.bincount(present, minlength=len(problem.edges))
         if sizes.max() - sizes.min() > 1:
             return False
-        weights = quantise(problem.weights)
-        gained = float(cut(weights, present)) - float(cut(weights, fuse))
-        return gained <= hysteresis * float(weights.sum()) / 2
+        return not closer
 
     def _footprint(self, robot: dict[str, Any], world: Transforms | None) -> Footprint:
         name = robot["name"]
@@ -130,9 +131,14 @@ class PlanHost:
 
 
 def make_problem(
-    robots: list[dict[str, Any]], edges: list[dict[str, Any]], weights: np.ndarray, footprints: list[Footprint]
+    robots: list[dict[str, Any]],
+    edges: list[dict[str, Any]],
+    weights: np.ndarray,
+    footprints: list[Footprint],
+    fusion: FusionModel,
+    horizon: float,
 ) -> Problem:
-    """The planner's view of what has been measured; a round is one frame of each robot."""
+    """The planner's view of what has been measured."""
     names = [edge["name"] for edge in edges]
     reachable = np.array([[robot["reach"] is None or name in robot["reach"] for name in names] for robot in robots])
 
@@ -148,7 +154,7 @@ def make_problem(
         weights=weights,
         footprints=lattice_cells(footprints),
         reachable=reachable,
-        robot_bandwidth=np.full(reachable.shape, BANDWIDTH),
+        robot_bandwidth=np.array([robot["bandwidth"] for robot in robots], dtype=np.float64),
         edge_bandwidth=np.array([edge["bandwidth"] for edge in edges], dtype=np.float64),
         speed=np.array([edge["speed"] for edge in edges], dtype=np.float64),
         cores=np.array([edge["cores"] for edge in edges], dtype=np.int64),
@@ -157,7 +163,9 @@ def make_problem(
         pack_s=column("pack_s"),
         current_slam=present("slam"),
         current_fuse=present("fuse"),
-        move_cost=column("slam_s") * column("frames"),
+        move_cost=column("slam_s") * column("rounds"),
+        horizon=horizon,
+        fusion=fusion,
     )
 
 

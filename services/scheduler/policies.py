@@ -18,6 +18,7 @@ from services.scheduler.graph import Groups, cut, quantise
 from services.scheduler.grouping import balanced_grouping
 from services.scheduler.local_search import Found, descend, tournament
 from services.scheduler.placement import edge_offloading
+from services.scheduler.regrouping import closer
 from services.scheduler.starts import placed, sized_groups
 from services.scheduler.tabu import TabuMode
 
@@ -67,6 +68,10 @@ POOL = 8
 """starts in all; random ones fill up"""
 START_SHARE = 0.2
 """of the budget, after which no further start is descended from"""
+
+SLACK = 0.02
+"""share of the completion time that may be given up for maps that overlap to be fused together, as long as every start
+of the search, the paper's plan among them, is no better"""
 
 Policy = Callable[[Problem, Settings], Choice]
 
@@ -205,7 +210,10 @@ def recslam_policy(problem: Problem, settings: Settings) -> Choice:
         edges = random_balanced_policy(problem, replace(settings, seed=settings.seed + len(pool))).fuse
         pool.append(descend(stages, edges, edges, settings.spent))
     best = tournament(stages, pool, KICKS, rng, settings.spent)
-    return _verdict(problem, best, times, starts)
+    choice = _verdict(problem, best, times, starts)
+    total = predict(problem, choice.slam, choice.fuse).total
+    bound = max(total, min(total * (1 + SLACK), *times.values()))
+    return replace(choice, fuse=closer(problem, weights, choice.slam, choice.fuse, bound, settings.spent))
 
 
 def _verdict(problem: Problem, best: Found, times: dict[str, float], starts: dict[str, Choice]) -> Choice:

@@ -5,35 +5,36 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Mapping
 from typing import Any
 
 from common.bus import Bus, keys
 from common.bus.tiles import fetch_tiles
 from common.config import Fleet
-from common.errors import PeerError, WorkerDied
+from common.errors import PeerError, UsageError, WorkerDied
 from common.service import Stopped, until_stopped
 from common.wire import (
     Claims,
-    EdgeStatus,
     MapNotice,
     OverlapMatrix,
     Plan,
     RobotProfile,
-    RobotStatus,
     SchedulerStatus,
-    Transforms,
     decode,
     encode,
 )
 from common.workers import Worker, WorkerError
 from services.scheduler import state as scheduling
+from services.scheduler.inputs import Inputs
+from services.scheduler.profile import load_profile
 from services.scheduler.state import MakePlan, Publish, SchedulerState
 from services.scheduler.topology import Topology
+from services.scheduler.what_if import WhatIf
 
 TARGET = "services.scheduler.plan_host:PlanHost"
 TICK_S = 0.2
 STATUS_S = 1.0
+AS_IT_IS = WhatIf()
 
 log = logging.getLogger(__name__)
 
@@ -46,11 +47,8 @@ class Scheduler:
         self._clock = asyncio.get_running_loop().time
         self.state = SchedulerState(Topology(fleet.topology), fleet.edge_ids(), fleet.bus.grace_s)
         self._worker: Worker | None = None
-        self._notices: dict[tuple[str, str], MapNotice] = {}
+        self._inputs = Inputs(fleet, load_profile(fleet.scheduler.profile))
         self._sketched: dict[str, MapNotice] = {}
-        self._statuses: dict[str, RobotStatus] = {}
-        self._cores: dict[str, int] = {}
-        self._world: Transforms | None = None
         self._stages: dict[str, float] = {}
         self._plans = 0
         self._problems: deque[str] = deque(maxlen=16)
@@ -62,6 +60,7 @@ class Scheduler:
                 return
             async with self._tasks as tasks:
                 self._feed(scheduling.Claimed(await self._claims(), self._clock()))
+                await self._bus.serve(keys.SCHEDULER_PLAN, self._asked)
                 await self._bus.declare_alive(keys.SCHEDULER_ALIVE)
                 log.info("ready")
                 for key in (
@@ -70,7 +69,9 @@ class Scheduler:
                     keys.edge_status(keys.ANY),
                     keys.edge_claims(keys.ANY),
                     keys.edge_robot_map(keys.ANY, keys.ANY),
+                    keys.edge_map(keys.ANY),
                     keys.CLOUD_TRANSFORMS,
+                    keys.CLOUD_STATUS,
                 ):
                     tasks.create_task(self._hear(key), name=f"hear {key}")
                 tasks.create_task(self._hear_link(), name="link")
@@ -104,19 +105,12 @@ class Scheduler:
 
     async def _hear(self, key_expr: str) -> None:
         async for received in self._bus.watch(key_expr):
+            self._inputs.hear(received.message, self._clock())
             match received.message:
                 case RobotProfile() as profile:
                     self._feed(scheduling.Profiled(profile, self._clock()))
-                case RobotStatus() as status:
-                    self._statuses[status.robot] = status
-                case EdgeStatus() as status:
-                    self._cores[status.edge] = status.cores
                 case Claims() as claims:
                     self._feed(scheduling.Claimed((claims,), self._clock()))
-                case MapNotice() as notice:
-                    self._notices[notice.robot, notice.edge] = notice
-                case Transforms() as transforms:
-                    self._world = transforms
 
     async def _hear_link(self) -> None:
         async for link in self._bus.watch_link():
@@ -172,23 +166,30 @@ class Scheduler:
         if isinstance(overlap, OverlapMatrix):
             await self._bus.latch(keys.SCHEDULER_OVERLAP, overlap)
         self._feed(scheduling.Planned(step.epoch, made["slam"], made["fuse"], self._clock()))
-        plan = Plan(
-            epoch=self.state.epoch,
-            policy=self._fleet.scheduler.policy,
-            groups={edge: tuple(robots) for edge, robots in made["groups"].items()},
-            in_group=made["in_group"],
-            cut=made["cut"],
-            predicted=made["predicted"],
-            alternative=made["alternative"],
-            reason=made["reason"],
-            seconds=made["seconds"],
-        )
-        await self._bus.latch(keys.SCHEDULER_PLAN, plan)
+        await self._bus.latch(keys.SCHEDULER_PLAN, self._message(made))
+
+    async def _asked(self, key: str, params: Mapping[str, str]) -> Plan:
+        """What would be planned if edges were down, slower or faster; nothing is changed by the question."""
+        what_if, alive = WhatIf.parse(params.get("what_if", "")), self.state.alive_edges()
+        what_if.check(alive)
+        edges = [edge for edge in alive if edge not in what_if.down]
+        known = [robot for robot in sorted(self.state.routes) if self.state.reachable(robot, edges)]
+        if not known:
+            raise UsageError("no robot that reaches one of these edges has come yet")
+        stranded = sorted(set(self.state.routes) - set(known))
+        made = await self._make(MakePlan(self.state.epoch, tuple(known), tuple(edges)), what_if)
+        if stranded:
+            made["reason"] += f"; without an edge: {', '.join(stranded)}"
+        return self._message(made)
+
+    def _message(self, made: dict[str, Any]) -> Plan:
+        said = {name: made[name] for name in Plan.model_fields if name in made}
+        return Plan.model_validate({**said, "epoch": self.state.epoch, "policy": self._fleet.scheduler.policy})
 
     async def _fetch_sketches(self, robots: tuple[str, ...]) -> None:
         """What has changed of the robot maps since the last plan."""
         for robot in robots:
-            notice = self._notices.get((robot, self.state.routes[robot].slam_edge))
+            notice = self._inputs.notices.get((robot, self.state.routes[robot].slam_edge))
             if notice is None or notice == self._sketched.get(robot):
                 continue
             try:
@@ -200,48 +201,24 @@ class Scheduler:
             await self._call("put_sketch", robot=robot, resolution=delta.resolution, tiles=tiles)
             self._sketched[robot] = notice
 
-    async def _make(self, step: MakePlan) -> Any:
-        config = self._fleet.scheduler
-        entries = {entry.id: entry for entry in self._fleet.edges}
-        edges = [
-            {
-                "name": edge,
-                "speed": entries[edge].speed if edge in entries else 1.0,
-                "bandwidth": (entries[edge].bandwidth_mbps if edge in entries else 1000.0) * 1e6 / 8,
-                "cores": self._cores.get(edge, 1),
-            }
-            for edge in step.edges
-        ]
-        return await self._call(
+    async def _make(self, step: MakePlan, what_if: WhatIf = AS_IT_IS) -> dict[str, Any]:
+        config, inputs, state = self._fleet.scheduler, self._inputs, self.state
+        edges = list(step.edges)
+        reach = {robot: state.reachable(robot, edges) for robot in step.robots}
+        made: dict[str, Any] = await self._call(
             "plan",
-            robots=[self._robot(robot, step.edges) for robot in step.robots],
-            edges=edges,
-            transforms=encode(self._world) if self._world is not None else None,
+            robots=inputs.robot_rows(step.robots, edges, state.routes, reach),
+            edges=inputs.edge_rows(edges, what_if.speed),
+            transforms=encode(inputs.world) if inputs.world is not None else None,
             policy=config.policy,
             budget_s=config.budget_s,
             kappa=config.kappa,
             tau=config.tau,
             hysteresis=config.hysteresis,
+            fusion=inputs.fusion(),
+            horizon=config.horizon_s / self._fleet.edge.map_every_s,
         )
-
-    def _robot(self, robot: str, edges: tuple[str, ...]) -> dict[str, Any]:
-        route, profile = self.state.routes[robot], self.state.profiles.get(robot)
-        status = self._statuses.get(robot)
-        notice = self._notices.get((robot, route.slam_edge))
-        frames = notice.cover.seq + 1 if notice is not None else 0
-        sent = max(1, status.sent) if status is not None else 1
-        return {
-            "name": robot,
-            "reach": self.state.reachable(robot, list(edges)),
-            "start": profile.start if profile is not None else None,
-            "range_max": profile.range_max if profile is not None else 0.0,
-            "frame_bytes": status.bytes_sent / sent if status is not None else 1000.0,
-            "slam_s": notice.slam_s / frames if notice is not None and frames else 0.005,
-            "pack_s": status.pack_s if status is not None else 0.0,
-            "frames": frames,
-            "slam": route.slam_edge,
-            "fuse": route.fuse_edge,
-        }
+        return made
 
     async def _report(self) -> None:
         while True:
@@ -263,6 +240,7 @@ class Scheduler:
             moved=state.moved,
             stages=dict(self._stages),
             counters={**state.counters, "messages refused": self._bus.counters.refused.total()},
+            measured=self._inputs.figures(state.alive_edges()),
             problems=(*self._bus.problems, *self._problems, *stranded)[-16:],
         )
 

@@ -13,7 +13,7 @@ from common.wire import FixedPose, OverlapMatrix, Placed, Transforms, decode, en
 from services.scheduler.plan_host import PlanHost, relabelled
 
 EDGES = [{"name": name, "speed": 1.0, "bandwidth": 1e8, "cores": 2} for name in ("e1", "e2")]
-POLICY = {"budget_s": 0.02, "kappa": 20, "tau": 5, "hysteresis": 0.1}
+POLICY = {"budget_s": 0.02, "kappa": 20, "tau": 5, "hysteresis": 0.1, "fusion": [0.03, 0.02, 2e-4], "horizon": 10.0}
 
 
 def robot(name: str, at: tuple[float, float] | None, edge: str, reach: list[str] | None = None) -> dict[str, Any]:
@@ -23,9 +23,10 @@ def robot(name: str, at: tuple[float, float] | None, edge: str, reach: list[str]
         "start": (*at, 0.0) if at is not None else None,
         "range_max": 3.0,
         "frame_bytes": 1000.0,
+        "bandwidth": [1e7, 1e7],
         "slam_s": 0.01,
         "pack_s": 0.001,
-        "frames": 10,
+        "rounds": 10,
         "slam": edge,
         "fuse": edge,
     }

@@ -1,0 +1,176 @@
+"""What plans rest on: measurements heard from robots, edges and cloud, as the arguments of the planning process.
+
+A round is what happens between two fusions of an edge: `map_every_s` seconds, so many frames of each robot. Medians
+over recent reports keep single slow ones out.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from collections.abc import Iterable, Mapping, Sequence
+from statistics import median
+from typing import Any
+
+from common.config import Fleet
+from common.wire import (
+    CloudStatus,
+    EdgeMapNotice,
+    EdgeStatus,
+    MapNotice,
+    Message,
+    RobotProfile,
+    RobotStatus,
+    Route,
+    Transforms,
+)
+from services.scheduler.links import Links, as_stated
+from services.scheduler.profile import Profile
+from services.scheduler.regression import FusionTimes
+
+RECENT = 5
+"""reports whose median counts: an edge that turns slow is seen after three"""
+FRAME_HZ = 10.0
+FRAME_BYTES = 1000.0
+SCAN_S = 0.005
+"""of a scan where none has been timed"""
+
+
+class Inputs:
+    """Feed it every message with the time of its coming (s); ask it for the rows of robots and edges."""
+
+    def __init__(self, fleet: Fleet, profile: Profile) -> None:
+        self._fleet, self._profile = fleet, profile
+        self._stated = {entry.id: entry.speed for entry in fleet.edges}
+        self.notices: dict[tuple[str, str], MapNotice] = {}
+        """(robot, edge) → newest"""
+        self.world: Transforms | None = None
+        self._profiles: dict[str, RobotProfile] = {}
+        self._statuses: dict[str, RobotStatus] = {}
+        self._sent: dict[str, deque[tuple[float, int]]] = defaultdict(lambda: deque(maxlen=16))
+        self._cores: dict[str, int] = {}
+        self._scans: dict[tuple[str, str], deque[float]] = defaultdict(lambda: deque(maxlen=RECENT))
+        self._speeds: dict[str, float] | None = None
+        self._links = Links({entry.id: entry.bandwidth_mbps * 1e6 / 8 for entry in fleet.edges})
+        self._fusions = FusionTimes(profile.fusion)
+
+    def hear(self, message: Message, now: float) -> None:
+        match message:
+            case RobotProfile():
+                self._profiles[message.robot] = message
+            case RobotStatus():
+                self._statuses[message.robot] = message
+                self._sent[message.robot].append((now, message.sent))
+            case EdgeStatus():
+                self._edge_status(message)
+            case MapNotice():
+                self.notices[message.robot, message.edge] = message
+                self._links.frames_delayed(message.robot, message.edge, message.transfer_s)
+            case EdgeMapNotice():
+                self._fusions.took(len(message.covers), message.area_m2, message.fuse_s * self.speed(message.edge))
+            case CloudStatus():
+                for link in message.links:
+                    self._links.uplink_measured(link)
+            case Transforms():
+                self.world = message
+
+    def _edge_status(self, status: EdgeStatus) -> None:
+        self._cores[status.edge] = max(1, status.cores)
+        busy = [each for each in status.instances if each.state != "final"]
+        crowd = max(1.0, len(busy) / self.cores(status.edge))
+        for each in busy:
+            if each.scan_ms > 0:
+                self._scans[each.robot, status.edge].append(each.scan_ms / 1e3 / crowd)
+                self._speeds = None
+        for link in status.links:
+            self._links.measured(status.edge, link)
+
+    def cores(self, edge: str) -> int:
+        """SLAM instances that run at once."""
+        return self._fleet.edge.workers or self._cores.get(edge, 1)
+
+    def speed(self, edge: str) -> float:
+        """How much faster scans are there than the profile says or, without one, than the fleet's median is."""
+        if self._speeds is None:
+            self._speeds = self._measured_speeds()
+        return self._speeds.get(edge) or as_stated(self._speeds, self._stated, edge, 1.0)
+
+    def _measured_speeds(self) -> dict[str, float]:
+        alike: dict[str, list[float]] = defaultdict(list)
+        for (robot, _), seconds in self._scans.items():
+            alike[self._sensor(robot)].append(median(seconds))
+        usual = {sensor: median(seconds) for sensor, seconds in alike.items()}
+        found: dict[str, list[float]] = defaultdict(list)
+        for (robot, edge), seconds in self._scans.items():
+            reference = self._profile.scan_s(self._sensor(robot)) or usual[self._sensor(robot)]
+            found[edge].append(reference / median(seconds))
+        return {edge: median(ratios) for edge, ratios in found.items()}
+
+    def _sensor(self, robot: str) -> str:
+        profile = self._profiles.get(robot)
+        return profile.sensor if profile is not None else ""
+
+    def frame_hz(self, robot: str) -> float:
+        """Frames a second that the robot makes lately."""
+        seen = self._sent.get(robot)
+        if seen is None or seen[-1][0] <= seen[0][0] or seen[-1][1] <= seen[0][1]:
+            return FRAME_HZ
+        return (seen[-1][1] - seen[0][1]) / (seen[-1][0] - seen[0][0])
+
+    def scan_s(self, robot: str, edge: str) -> float:
+        """Seconds of a scan at speed 1, by what it takes where it runs."""
+        seen = self._scans.get((robot, edge))
+        return median(seen) * self.speed(edge) if seen else self._profile.scan_s(self._sensor(robot)) or SCAN_S
+
+    def robot_rows(
+        self, robots: Iterable[str], edges: Sequence[str], routes: Mapping[str, Route], reach: Mapping[str, list[str]]
+    ) -> list[dict[str, Any]]:
+        """One row a robot, as PlanHost.plan takes them; `reach` names the edges that each can reach."""
+        rows = []
+        for robot in robots:
+            route, profile, status = routes[robot], self._profiles.get(robot), self._statuses.get(robot)
+            notice = self.notices.get((robot, route.slam_edge))
+            frames = self.frame_hz(robot) * self._fleet.edge.map_every_s
+            size = status.bytes_sent / status.sent if status is not None and status.sent else FRAME_BYTES
+            rows.append(
+                {
+                    "name": robot,
+                    "reach": reach[robot],
+                    "start": profile.start if profile is not None else None,
+                    "range_max": profile.range_max if profile is not None else 0.0,
+                    "frame_bytes": size * frames,
+                    "bandwidth": [self._links.transfer(robot, edge, size * frames) for edge in edges],
+                    "slam_s": self.scan_s(robot, route.slam_edge) * frames,
+                    "pack_s": status.pack_s if status is not None else 0.0,
+                    "rounds": (notice.cover.seq + 1) / frames if notice is not None else 0.0,
+                    "slam": route.slam_edge,
+                    "fuse": route.fuse_edge,
+                }
+            )
+        return rows
+
+    def edge_rows(self, edges: Iterable[str], factor: Mapping[str, float] = {}) -> list[dict[str, Any]]:
+        """One row an edge; `factor` on the speeds for what-if questions."""
+        return [
+            {
+                "name": edge,
+                "speed": self.speed(edge) * factor.get(edge, 1.0),
+                "bandwidth": self._links.uplink(edge),
+                "cores": self.cores(edge),
+            }
+            for edge in edges
+        ]
+
+    def fusion(self) -> list[float]:
+        """Coefficients of the fusion model as it is now."""
+        model = self._fusions.model
+        return [model.map_s, model.pair_s, model.m2_s]
+
+    def figures(self, edges: Sequence[str]) -> dict[str, float]:
+        """For the status."""
+        return {
+            **{f"speed {edge}": self.speed(edge) for edge in edges},
+            **{f"uplink {edge} bytes/s": self._links.uplink(edge) for edge in edges},
+            **dict(self._links.figures()),
+            **dict(zip(("fusion s/map", "fusion s/pair", "fusion s/m2"), self.fusion(), strict=True)),
+            "fusions seen": float(len(self._fusions)),
+        }

@@ -1,0 +1,73 @@
+"""Measured links, from each robot to each edge and from the edges to the cloud.
+
+What has not been measured is taken to be as good as what has been, never better: a robot would be sent round all edges
+by the hope that the next one is as quick as its data sheet says.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from collections.abc import Iterator, Mapping
+from statistics import median
+
+from common.wire import LinkStatus
+
+RECENT = 5
+"""reports whose median counts"""
+PAGES = 3
+"""pages from which on a measured link counts"""
+LINK = 12.5e6
+"""bytes/s of a link between robot and edge that has not been measured: 100 Mbit/s"""
+GIGABIT = 1e9 / 8
+MAP_BYTES = 100_000.0
+"""of an edge map, to turn an uplink's delay into speed"""
+
+
+class Links:
+    def __init__(self, stated: Mapping[str, float]) -> None:
+        """`stated`: edge → bytes/s to the cloud by the fleet file."""
+        self._stated = stated
+        self._speeds: dict[str, dict[str, float]] = defaultdict(dict)
+        self._delays: dict[str, dict[str, deque[float]]] = defaultdict(dict)
+        self._uplinks: dict[str, float] = {}
+
+    def frames_delayed(self, robot: str, edge: str, seconds: float) -> None:
+        """Frames have taken this long from the robot's hands to the edge's."""
+        if seconds > 0:
+            self._delays[robot].setdefault(edge, deque(maxlen=RECENT)).append(seconds)
+
+    def measured(self, edge: str, link: LinkStatus) -> None:
+        """What an edge says of the way from a robot."""
+        tier, _, robot = link.peer.partition("/")
+        if tier == "robot" and link.pages >= PAGES and link.bytes_per_s > 0:
+            self._speeds[robot][edge] = link.bytes_per_s
+
+    def uplink_measured(self, link: LinkStatus) -> None:
+        """What the cloud says of the way from an edge."""
+        if link.pages >= PAGES and link.bytes_per_s > 0:
+            edge = link.peer.removeprefix("edge/")
+            self._uplinks[edge] = MAP_BYTES / (link.delay_s + MAP_BYTES / link.bytes_per_s)
+
+    def transfer(self, robot: str, edge: str, size: float) -> float:
+        """Bytes/s at which `size` bytes of a round come from the robot to the edge, the delay of a frame included."""
+        speeds, delays = self._speeds.get(robot, {}), self._delays.get(robot, {})
+        speed = speeds.get(edge) or (median(speeds.values()) if speeds else LINK)
+        own = delays.get(edge)
+        delay = median(own) if own else median(map(median, delays.values())) if delays else 0.0
+        return size / (delay + size / speed)
+
+    def uplink(self, edge: str) -> float:
+        """Bytes/s from the edge to the cloud."""
+        return self._uplinks.get(edge) or as_stated(self._uplinks, self._stated, edge, GIGABIT)
+
+    def figures(self) -> Iterator[tuple[str, float]]:
+        for robot, speeds in sorted(self._speeds.items()):
+            yield from ((f"link {robot} {edge} bytes/s", speed) for edge, speed in sorted(speeds.items()))
+        for robot, delays in sorted(self._delays.items()):
+            yield from ((f"delay {robot} {edge} s", median(seen)) for edge, seen in sorted(delays.items()))
+
+
+def as_stated(measured: Mapping[str, float], stated: Mapping[str, float], edge: str, default: float) -> float:
+    """The stated value of an edge that has not been measured, corrected by how those that have been turned out."""
+    off = [value / stated.get(other, default) for other, value in measured.items()]
+    return stated.get(edge, default) * (median(off) if off else 1.0)

@@ -1,0 +1,57 @@
+"""Among plans of about one completion time, the one that fuses together what overlaps.
+
+The completion time says little about who is fused with whom when links are fast, but an edge can only match maps that
+share something, and the cloud gets what edges have not matched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from services.scheduler.costs import Ints, Problem, predict
+from services.scheduler.graph import Weights
+
+
+def closer(
+    problem: Problem, weights: Weights, slam: Ints, fuse: Ints, bound: float, spent: Callable[[], float]
+) -> Ints:
+    """(V,) fusing edges of a smaller cut (Eq. 5) with a predicted t_c of at most `bound`; `slam` stays.
+
+    Steepest descent over moves of one robot and swaps of two, while `spent()` is below 1.
+    """
+    fuse = fuse.copy()
+    while spent() < 1 and (better := _step(problem, weights, slam, fuse, bound, spent)) is not None:
+        fuse = better
+    return fuse
+
+
+def _step(
+    problem: Problem, weights: Weights, slam: Ints, fuse: Ints, bound: float, spent: Callable[[], float]
+) -> Ints | None:
+    """The change that lowers the cut the most within the bound."""
+    robots, edges = len(fuse), len(problem.edges)
+    every = np.arange(robots)
+    member = np.zeros((robots, edges))
+    member[every, fuse] = 1
+    pull = weights @ member
+    gain = np.where(problem.reachable, pull - pull[every, fuse][:, None], -np.inf)
+    gain[every, fuse] = 0.0
+    swap = gain[:, fuse] + gain[:, fuse].T - 2 * weights
+    swap = np.where(np.isfinite(swap) & (fuse[:, None] < fuse[None, :]), swap, 0.0)
+    moves = np.stack([*np.nonzero(gain > 0), np.full((gain > 0).sum(), -1)], axis=1)
+    firsts, seconds = np.nonzero(swap > 0)
+    swaps = np.stack([firsts, fuse[seconds], seconds], axis=1)
+    gains = np.concatenate([gain[gain > 0], swap[firsts, seconds]])
+    changes = np.concatenate([moves, swaps])
+    for robot, edge, other in changes[np.argsort(-gains, kind="stable")]:
+        if spent() >= 1:
+            return None
+        tried = fuse.copy()
+        tried[robot] = edge
+        if other >= 0:
+            tried[other] = fuse[robot]
+        if predict(problem, slam, tried).total <= bound:
+            return tried
+    return None
