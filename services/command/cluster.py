@@ -8,7 +8,7 @@ import shutil
 import signal
 import time
 from collections.abc import AsyncIterator, Coroutine, Iterator
-from contextlib import asynccontextmanager, contextmanager, suppress
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -52,8 +52,7 @@ async def run(
             if finished:
                 made = await _collected(bus, progress.elapsed_s)
             elif not fleet.batch:
-                with suppress(PeerError):  # a live fleet may be stopped before its first map
-                    made = await _collected(bus, progress.elapsed_s)
+                made = await _collected_live(bus, progress.elapsed_s, console)
             if finished and keep:
                 await _leave(made, fleet, truth, folder, console)
                 console.print(f"the cluster stays up at {bus.endpoint}; Ctrl-C stops it", soft_wrap=True)
@@ -135,13 +134,22 @@ async def _collected(bus: Bus, elapsed_s: float) -> Made:
     return Made(await collect.global_map(bus), await collect.statuses(bus), elapsed_s)
 
 
+async def _collected_live(bus: Bus, elapsed_s: float, console: Console) -> Made | None:
+    """None, and the reason told, when there is no map: a live fleet may be stopped before its first."""
+    try:
+        return await _collected(bus, elapsed_s)
+    except PeerError as error:
+        console.print(f"no map to leave: {error}", soft_wrap=True)
+        return None
+
+
 async def _leave(made: Made | None, fleet: Fleet, truth: Fleet | None, folder: RunFolder, console: Console) -> None:
     """Write results and report, and say what is in them."""
     if made is None:
-        console.print("no map was made", soft_wrap=True)
         return
     results.write_results(made.map, folder.path)
-    scored = await asyncio.to_thread(accuracy.score, made.map, truth or fleet)
+    final = made.map.notice.final  # a map that is not done is not to be measured by what will be seen
+    scored = await asyncio.to_thread(accuracy.score, made.map, truth or fleet) if final else None
     data = report.report(fleet, made.map, made.statuses, scored, made.elapsed_s)
     report.write_report(data, folder.path)
     for line in report.summary(data):

@@ -19,6 +19,9 @@ from common.formats.tum import read_trajectory
 
 pytestmark = [pytest.mark.cluster, pytest.mark.timeout(240)]
 
+SLOW = "robot.realtime = true\n"
+"""so that a run does not end while it is looked at"""
+
 
 class Kept:
     """A cluster that stays up after its final map."""
@@ -138,7 +141,7 @@ def test_ctrl_c_stops_a_cluster_that_was_kept_with_exit_code_0(kept: Kept) -> No
 
 
 def test_kill_minus_9_of_the_command_leaves_no_process(tmp_path: Path) -> None:
-    with start("up", write_fleet(tmp_path, seconds=100_000), cwd=tmp_path) as process:
+    with start("up", write_fleet(tmp_path, SLOW, seconds=600), cwd=tmp_path) as process:
         read_until(process, "frames processed")
         children = family(process.pid)
         assert len(children) > 4
@@ -147,7 +150,7 @@ def test_kill_minus_9_of_the_command_leaves_no_process(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_breaks_a_batch_run_off_with_exit_code_130(tmp_path: Path) -> None:
-    with start("up", write_fleet(tmp_path, seconds=100_000), cwd=tmp_path) as process:
+    with start("up", write_fleet(tmp_path, SLOW, seconds=600), cwd=tmp_path) as process:
         read_until(process, "frames processed")
         children = family(process.pid)
         process.send_signal(signal.SIGINT)
@@ -162,3 +165,13 @@ def test_a_service_that_dies_ends_the_run_with_the_end_of_its_log(tmp_path: Path
     assert "edge/edge-" in done.stderr
     assert "crystal-ball" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_ctrl_c_ends_a_live_fleet_with_exit_code_0_and_leaves_its_map(tmp_path: Path) -> None:
+    with start("up", write_fleet(tmp_path, SLOW, seconds=600), cwd=tmp_path, RECSLAM_BATCH="false") as process:
+        read_until(process, " of 2 robots in ")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
+    run = tmp_path / "runs" / "latest"
+    assert (read_map(run / "global_map.yaml").occupancy == 100).any()
+    assert report(run)["final"] is False
