@@ -18,12 +18,14 @@ from typing import Annotated, Any, NoReturn, TypeVar
 import typer
 
 from common.errors import RecslamError, UsageError
+from services.command.plan_commands import plan_commands
 
 T = TypeVar("T")
 
 app = typer.Typer(help="Several robots, one map.", no_args_is_help=True, add_completion=False, rich_markup_mode=None)
 map_app = typer.Typer(help="The global map of a running cluster.", no_args_is_help=True)
 app.add_typer(map_app, name="map")
+app.add_typer(plan_commands(lambda work: _await(work), lambda work: _checked(work)), name="plan")
 
 FORWARD = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
 

@@ -1,11 +1,11 @@
-"""Group robots by an overlap matrix from a file, without a cluster: what `recslam plan --matrix` does."""
+"""Group robots without a cluster, by an overlap matrix or by planned routes: `recslam plan --matrix` or `--routes`."""
 
 from __future__ import annotations
 
 import time
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from common.errors import BadFile, UsageError
 from services.scheduler.costs import Problem
 from services.scheduler.graph import Weights, quantise
 from services.scheduler.policies import plan
+from services.scheduler.routes_file import coverage, read_routes
 
 
 @dataclass(frozen=True)
@@ -25,15 +26,20 @@ class OfflinePlan:
     groups: tuple[tuple[int, ...], ...]
     cut: float
     """Eq. 5: sum of overlaps across groups, each pair once"""
+    in_group: tuple[float, ...]
+    """sum of overlaps within each group"""
     seconds: float
     """time to make the plan; the first of a process may hold compilation"""
+    robots: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
         return {
             "policy": self.policy,
             "groups": [list(group) for group in self.groups],
+            "robots": list(self.robots),
             "sizes": [len(group) for group in self.groups],
             "cut": self.cut,
+            "in_group": list(self.in_group),
             "seconds": self.seconds,
         }
 
@@ -53,12 +59,48 @@ def plan_matrix(
 
     Raises BadFile for a file that holds no overlap matrix, UsageError for edges < 1, ConfigError for an unknown policy.
     """
-    if edges < 1:
-        raise UsageError(f"edges: {edges} given; at least 1 is needed to group for")
-    problem = uniform_problem(read_matrix(path), edges)
+    weights = read_matrix(path)
+    names = tuple(f"r{index}" for index in range(len(weights)))
+    return _plan(uniform_problem(weights, edges), names, policy, budget_s, kappa, tau, seed, clock)
+
+
+def plan_routes(
+    path: Path,
+    edges: int,
+    policy: str,
+    budget_s: float,
+    *,
+    kappa: int = 100,
+    tau: int = 10,
+    seed: int = 0,
+    clock: Callable[[], float] = time.perf_counter,
+) -> OfflinePlan:
+    """Group the robots of a routes file (see routes_file.py) by what they will see; raises as `plan_matrix`."""
+    planned = coverage(read_routes(path))
+    problem = replace(uniform_problem(planned.overlap.weights, edges), footprints=planned.cells)
+    return _plan(problem, planned.overlap.robots, policy, budget_s, kappa, tau, seed, clock)
+
+
+def _plan(
+    problem: Problem,
+    names: tuple[str, ...],
+    policy: str,
+    budget_s: float,
+    kappa: int,
+    tau: int,
+    seed: int,
+    clock: Callable[[], float],
+) -> OfflinePlan:
     assignment = plan(problem, policy, budget_s=budget_s, kappa=kappa, tau=tau, seed=seed, clock=clock)
-    groups = tuple(tuple(np.flatnonzero(assignment.fuse == edge).tolist()) for edge in range(edges))
-    return OfflinePlan(policy, groups, assignment.cut, assignment.seconds)
+    groups = [np.flatnonzero(assignment.fuse == edge) for edge in range(len(problem.edges))]
+    return OfflinePlan(
+        policy=policy,
+        groups=tuple(tuple(group.tolist()) for group in groups),
+        cut=assignment.cut,
+        in_group=tuple(float(problem.weights[np.ix_(group, group)].sum()) / 2 for group in groups),
+        seconds=assignment.seconds,
+        robots=names,
+    )
 
 
 def read_matrix(path: Path) -> Weights:
@@ -88,7 +130,10 @@ def uniform_problem(weights: Weights, edges: int) -> Problem:
 
     With no footprints, each robot map is given AREA cells of its own, of which it shares those that `weights` say with
     each neighbour, as far as they go: areas then follow overlaps, though not exactly where three maps meet.
+    Raises UsageError for edges < 1.
     """
+    if edges < 1:
+        raise UsageError(f"edges: {edges} given; at least 1 is needed to group for")
     robots = len(weights)
     return Problem(
         robots=tuple(f"r{index}" for index in range(robots)),

@@ -39,11 +39,12 @@ def test_a_file_that_holds_no_matrix_is_refused_by_name(tmp_path) -> None:
     (tmp_path / "broken.npz").write_bytes(b"PK")
     np.savez(tmp_path / "other.npz", matrix=np.zeros((2, 2)))
     np.savez(tmp_path / "skew.npz", weights=np.array([[0, 0.1], [0.2, 0]]))
+    np.savez(tmp_path / "good.npz", weights=np.zeros((2, 2)))
     for name in ("text.csv", "broken.npz", "other.npz", "skew.npz", "absent.npz", "matrix.txt"):
         with pytest.raises(BadFile, match=name):
             read_matrix(tmp_path / name)
     with pytest.raises(UsageError, match="edges"):
-        plan_matrix(tmp_path / "skew.npz", 0, "cut", 1)
+        plan_matrix(tmp_path / "good.npz", 0, "cut", 1)
 
 
 def test_made_up_footprints_share_what_the_matrix_says() -> None:
