@@ -99,15 +99,14 @@ class MergeHost:
             "checks": self._pairs.checks,
         }
 
-    def compose(self, versions: dict[str, int]) -> dict[str, Any]:
+    def compose(self, versions: dict[str, int]) -> dict[str, Any] | None:
         """Add the maps of these edges; gives the version and digest of the sum.
 
-        Raises UsageError when another version is held: what the sum is said to contain would not be in it.
+        None when another version is held of one: what the sum is said to contain would not be in it.
         """
         begin = time.perf_counter()
-        other = sorted(edge for edge, version in versions.items() if self._parts.get(edge, (None,))[0] != version)
-        if other:
-            raise UsageError(f"newer maps have come meanwhile of {', '.join(other)}; compose again")
+        if any(edge not in self._parts or self._parts[edge][0] != version for edge, version in versions.items()):
+            return None
         parts = [self._parts[edge][1] for edge in sorted(versions)]
         resolution = parts[0].resolution if parts else 0.05
         if self._product is None or self._product.resolution != resolution:

@@ -120,7 +120,7 @@ class CloudMerger:
                 case merging.FetchPart():
                     self._start(self._fetch_part(step), f"map of {step.notice.edge}")
                 case merging.Forget(robot):
-                    self._start(self._forget(robot), f"forget {robot}")
+                    self._start(self._call("forget", robot=robot), f"forget {robot}")
                 case merging.Solve():
                     self._start(self._solve(step), "solve")
                 case merging.Compose():
@@ -172,9 +172,6 @@ class CloudMerger:
         self._transfers[edge] = self._stages["transfer"] = asyncio.get_running_loop().time() - begin
         self._feed(merging.PartFetched(step, delta.version, delta.world_epoch, delta.covers, delta.final))
 
-    async def _forget(self, robot: str) -> None:
-        await self._call("forget", robot=robot)
-
     async def _solve(self, step: merging.Solve) -> None:
         try:
             done = await self._call(
@@ -206,6 +203,8 @@ class CloudMerger:
             done = await self._call("compose", versions=dict(step.versions))
         except WorkerError as error:
             self._problem(f"compose: {error}")
+            done = None
+        if done is None:
             self._feed(merging.Composed(well=False))
             return
         out = self._fleet.cloud.out
@@ -236,7 +235,7 @@ class CloudMerger:
         self._shown = notice
         await self._bus.latch(keys.CLOUD_MAP, notice)
         contents = {"robots": len(notice.covers), "components": len(notice.components), "final": notice.final}
-        log.info("global map", extra={"version": count_of(notice.version), **contents})
+        log.info("global map", extra={"version": count_of(notice.version)} | contents)
 
     async def _tiles(self, key: str, params: Mapping[str, str]) -> Message:
         shown = self._shown

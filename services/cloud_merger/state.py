@@ -33,6 +33,9 @@ from services.cloud_merger.events import (
     VerdictsCame,
 )
 
+PATIENCE = 3
+"""ticks for which the global map waits for edges to render onto a new world"""
+
 
 @dataclass(frozen=True)
 class Part:
@@ -68,6 +71,8 @@ class CloudState:
     """robot/<rid> or edge/<eid> → the fetch under way"""
     solving: bool = False
     composing: bool = False
+    waited: int = 0
+    """ticks since the last composition on which an edge had not yet rendered onto the present world"""
     changed: bool = False
     """sketches or verdicts are newer than the world"""
     composed: tuple[object, ...] = ()
@@ -106,6 +111,7 @@ class CloudState:
             case Tick():
                 fetches = [step for robot in sorted(self.members) for step in self._fetch_sketch(robot)]
                 parts = [step for edge in self.fusing_edges() for step in self._fetch_part(edge)]
+                self.waited += bool(self._lagging())
                 return [*fetches, *parts, *self._solve(), *self._compose()]
 
     def fusing_edges(self) -> list[str]:
@@ -238,7 +244,7 @@ class CloudState:
         return self._compose()
 
     def _compose(self) -> list[Instruction]:
-        if self.world is None or self.composing:
+        if self.world is None or self.composing or (self._lagging() and self.waited < PATIENCE):
             return []
         edges = tuple(
             edge
@@ -259,8 +265,13 @@ class CloudState:
         makeup = (self.world.world_epoch, final, versions)
         if makeup == self.composed or not covers:
             return []
-        self.composing, self.composed = True, makeup
+        self.composing, self.composed, self.waited = True, makeup, 0
         return [Compose(versions, self.world, covers, final)]
+
+    def _lagging(self) -> list[str]:
+        """Edges whose map is of an earlier world: without them the global map would shrink for a moment."""
+        epoch = self.world.world_epoch if self.world is not None else 0
+        return [edge for edge in self.fusing_edges() if edge in self.parts and self.parts[edge].world_epoch != epoch]
 
     def _final_covers(self) -> Covers:
         """What the final map must contain: all of every robot, made under its present epoch."""

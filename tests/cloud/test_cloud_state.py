@@ -24,7 +24,7 @@ from services.cloud_merger.events import (
     Tick,
     VerdictsCame,
 )
-from services.cloud_merger.state import CloudState
+from services.cloud_merger.state import PATIENCE, CloudState
 
 
 def only(kind: type, steps: list[Instruction]) -> Instruction:
@@ -154,6 +154,23 @@ def test_a_new_world_is_above_any_that_an_edge_has_rendered() -> None:
     sketched(state, "r1", "e1", 1)
     steps = state.handle(Tick())
     assert only(Solve, steps).above == 41
+
+
+def test_the_map_does_not_shrink_while_edges_render_onto_a_new_world_but_does_not_wait_for_ever() -> None:
+    state, solve = settled()
+    state.handle(Solved(solved(solve, {"r1": 1, "r2": 1})))
+    part(state, "e1", "r1", 5)
+    part(state, "e2", "r2", 6)
+    state.handle(Composed(well=True))
+    state.handle(Routed(routes(2, {"r1": "e1", "r2": "e2", "r3": "e2"})))
+    world = solved(only(Solve, state.handle(Tick())), {"r1": 1, "r2": 1})
+    state.handle(Solved(world))
+    covers = {"r1": cover(1)}
+    steps = state.handle(EdgeMapNoticed(edge_notice("e1", 7, world.world_epoch, covers)))
+    fetch = only(FetchPart, steps or state.handle(Tick()))
+    assert state.handle(PartFetched(fetch, 7, world.world_epoch, covers, False)) == []
+    steps = [step for _ in range(PATIENCE) for step in state.handle(Tick())]
+    assert set(only(Compose, steps).covers) == {"r1"}
 
 
 def test_a_robot_routed_no_more_is_forgotten() -> None:

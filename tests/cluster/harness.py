@@ -15,13 +15,14 @@ from common.bus import Bus, Router, keys
 from common.config import Fleet
 from common.errors import PeerError
 from common.parent import Leash
-from common.wire import EdgeStatus, GlobalMapNotice, Message, SchedulerStatus
+from common.wire import Ack, EdgeStatus, GlobalMapNotice, Message, SchedulerStatus
 from services.command import fleets
 
 M = TypeVar("M", bound=Message)
 
 PATIENCE_S = 100.0
 """for anything to happen on a loaded machine; a test that passes never waits this long"""
+POLL_S = 0.05
 BAD_WORDS = ("Traceback", "never retrieved", "never awaited", "was destroyed but")
 
 
@@ -112,8 +113,6 @@ class Cluster:
 
     async def processed(self, robot: str, frames: int) -> str:
         """Wait until so many frames of the robot are processed; the edge that runs it."""
-        from common.wire import Ack
-
         ack = await self.hear(keys.edge_ack(keys.ANY, robot), Ack, lambda ack: ack.processed >= frames)
         return ack.edge
 
@@ -150,7 +149,6 @@ class Cluster:
 @asynccontextmanager
 async def cluster(fleet: Fleet, folder: Path) -> AsyncIterator[Cluster]:
     """A router and nothing else yet; whatever is started ends with the block."""
-    folder.mkdir(parents=True, exist_ok=True)
     async with await Router.open() as router, await Bus.open(router.endpoint, name="test", role="test") as bus:
         with Leash() as leash:
             made = Cluster(fleet, folder, router.endpoint, bus, leash)
@@ -175,6 +173,15 @@ def children(pid: int) -> set[int]:
     return found
 
 
+async def has_children(pid: int) -> set[int]:
+    """The descendants of a process, once it has any."""
+    for _ in range(int(PATIENCE_S / POLL_S)):
+        if found := children(pid):
+            return found
+        await asyncio.sleep(POLL_S)
+    raise AssertionError(f"{pid} starts no process")
+
+
 def alive(pids: set[int]) -> set[int]:
     """Those that still run (a zombie does not)."""
 
@@ -189,7 +196,8 @@ def alive(pids: set[int]) -> set[int]:
 
 async def all_gone(pids: set[int]) -> bool:
     """Whether all of these end within the patience."""
-    async with asyncio.timeout(PATIENCE_S):
-        while alive(pids):
-            await asyncio.sleep(0.05)
-    return True
+    for _ in range(int(PATIENCE_S / POLL_S)):
+        if not alive(pids):
+            return True
+        await asyncio.sleep(POLL_S)
+    return False

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 from harness import Cluster, all_gone, children, cluster, fleet
 
-from common.bus import keys
-from common.wire import GlobalMapNotice, SchedulerStatus
+from common.wire import GlobalMapNotice
 
 pytestmark = [pytest.mark.cluster, pytest.mark.timeout(240)]
 
@@ -53,9 +52,8 @@ async def test_a_killed_slam_worker_and_a_killed_edge_leave_no_trace_in_the_map(
     async with cluster(fleet(), tmp_path) as made:
         await made.start_all()
         edge = await made.processed("r1", SOME)
-        status = await made.edge_status(edge, lambda status: bool(status.instances))
-        workers = slam_workers(made.processes[edge].pid)
-        assert workers, status
+        workers = computing(made.processes[edge].pid, what="SlamHost")
+        assert workers
         os.kill(min(workers), signal.SIGKILL)
         other = await made.processed("r2", SOME)
         pids = children(made.processes[other].pid)
@@ -64,19 +62,24 @@ async def test_a_killed_slam_worker_and_a_killed_edge_leave_no_trace_in_the_map(
         await finish(made, undisturbed)
 
 
-async def test_a_killed_cloud_and_a_killed_scheduler_are_started_again_and_the_run_completes(
+async def test_everything_that_can_be_started_again_dies_and_the_run_completes(
     tmp_path: Path, undisturbed: GlobalMapNotice
 ) -> None:
-    async with cluster(fleet(topology="recslam"), tmp_path) as made:
+    async with cluster(fleet(), tmp_path) as made:
         await made.start_all()
         before = await made.processed("r1", SOME)
+        edges = [made.processes[edge].pid for edge in made.fleet.edge_ids()]
+        for pid in computing(made.processes["cloud"].pid, *edges):
+            os.kill(pid, signal.SIGKILL)
+        await made.processed("r2", SOME)
         await made.kill("cloud")
         await made.kill("scheduler")
         await made.start("cloud", "scheduler")
         await finish(made, undisturbed)
         assert await made.processed("r1", SOME) == before
-        status = await made.hear(keys.SCHEDULER_STATUS, SchedulerStatus, lambda _: True)
+        status = await made.scheduler_status(lambda _: True)
         assert status.epoch[0] >= 2
+        assert {process.returncode for process in made.processes.values()} == {None}
 
 
 async def test_robots_with_an_edge_each_and_no_preparative_fusion_give_the_same_map(
@@ -90,11 +93,7 @@ async def test_robots_with_an_edge_each_and_no_preparative_fusion_give_the_same_
         await finish(made, undisturbed)
 
 
-def slam_workers(pid: int) -> set[int]:
-    """Children of an edge that run SLAM."""
-    found = set()
-    for child in children(pid):
-        with open(f"/proc/{child}/cmdline") as file:
-            if "SlamHost" in file.read():
-                found.add(child)
-    return found
+def computing(*pids: int, what: str = "Host") -> set[int]:
+    """Worker processes of these services whose class has a name like `what`."""
+    workers = {child for pid in pids for child in children(pid)}
+    return {pid for pid in workers if what in Path(f"/proc/{pid}/cmdline").read_text()}

@@ -190,8 +190,8 @@ class DeadReckoning:
 
 def _extend(old: Samples, new: Samples | None, start: float) -> Samples:
     """Samples with rising stamps, the last of equal ones, cut so that one at or before `start` is still among them."""
-    if new is not None and len(new):
-        new = new[np.isfinite(new).all(axis=1)]
+    new = NO_SAMPLES if new is None else new[np.isfinite(new).all(axis=1)]
+    if len(new):
         joined = np.concatenate([old, new]) if len(old) else new
         ordered = joined[joined[:, 0] >= np.maximum.accumulate(joined[:, 0])]
         old = ordered[np.append(ordered[1:, 0] > ordered[:-1, 0], True)]
