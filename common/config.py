@@ -88,7 +88,7 @@ class SchedulerConfig(Section):
     """iterations of Algorithm 2"""
     tau: Annotated[int, Field(ge=1)] = 10
     """length of its tabu list"""
-    horizon_s: Annotated[float, Field(gt=0)] = 120.0
+    horizon_s: Annotated[float, Field(gt=0)] = 60.0
     """time over which the price of moving a robot's SLAM instance must pay off"""
     profile: Path | None = None
     """what `recslam profile` has measured; without it, built-in guesses that measurements soon replace"""

@@ -31,6 +31,8 @@ RECENT = 5
 """reports whose median counts: an edge that turns slow is seen after three"""
 FRAME_HZ = 10.0
 FRAME_BYTES = 1000.0
+ALIKE = 1.25
+"""edges whose speeds differ from what is expected of them by less than this factor are taken to be as expected"""
 SCAN_S = 0.005
 """of a scan where none has been timed"""
 
@@ -92,7 +94,9 @@ class Inputs:
         """How much faster scans are there than the profile says or, without one, than the fleet's median is."""
         if self._speeds is None:
             self._speeds = self._measured_speeds()
-        return self._speeds.get(edge) or as_stated(self._speeds, self._stated, edge, 1.0)
+        expected = as_stated(self._speeds, self._stated, edge, 1.0)
+        off = self._speeds.get(edge, expected) / expected
+        return expected * (off / ALIKE if off > ALIKE else off * ALIKE if off < 1 / ALIKE else 1.0)
 
     def _measured_speeds(self) -> dict[str, float]:
         alike: dict[str, list[float]] = defaultdict(list)
@@ -110,9 +114,9 @@ class Inputs:
         return profile.sensor if profile is not None else ""
 
     def frame_hz(self, robot: str) -> float:
-        """Frames a second that the robot makes lately."""
+        """Frames a second that the robot makes lately; one that is paced by its edge counts as an average one."""
         seen = self._sent.get(robot)
-        if seen is None or seen[-1][0] <= seen[0][0] or seen[-1][1] <= seen[0][1]:
+        if not self._fleet.robot.realtime or seen is None or seen[-1][0] <= seen[0][0] or seen[-1][1] <= seen[0][1]:
             return FRAME_HZ
         return (seen[-1][1] - seen[0][1]) / (seen[-1][0] - seen[0][0])
 
@@ -128,7 +132,6 @@ class Inputs:
         rows = []
         for robot in robots:
             route, profile, status = routes[robot], self._profiles.get(robot), self._statuses.get(robot)
-            notice = self.notices.get((robot, route.slam_edge))
             frames = self.frame_hz(robot) * self._fleet.edge.map_every_s
             size = status.bytes_sent / status.sent if status is not None and status.sent else FRAME_BYTES
             rows.append(
@@ -141,7 +144,7 @@ class Inputs:
                     "bandwidth": [self._links.transfer(robot, edge, size * frames) for edge in edges],
                     "slam_s": self.scan_s(robot, route.slam_edge) * frames,
                     "pack_s": status.pack_s if status is not None else 0.0,
-                    "rounds": (notice.cover.seq + 1) / frames if notice is not None else 0.0,
+                    "rounds": status.sent / frames if status is not None else 0.0,
                     "slam": route.slam_edge,
                     "fuse": route.fuse_edge,
                 }

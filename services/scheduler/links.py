@@ -14,6 +14,8 @@ from common.wire import LinkStatus
 
 RECENT = 5
 """reports whose median counts"""
+ALIKE_S = 0.05
+"""delays of one robot's links that differ by less are taken to be the same"""
 PAGES = 3
 """pages from which on a measured link counts"""
 LINK = 12.5e6
@@ -52,8 +54,10 @@ class Links:
         """Bytes/s at which `size` bytes of a round come from the robot to the edge, the delay of a frame included."""
         speeds, delays = self._speeds.get(robot, {}), self._delays.get(robot, {})
         speed = speeds.get(edge) or (median(speeds.values()) if speeds else LINK)
-        own = delays.get(edge)
-        delay = median(own) if own else median(map(median, delays.values())) if delays else 0.0
+        usual = median(map(median, delays.values())) if delays else 0.0
+        delay = median(delays.get(edge, [usual]))
+        if abs(delay - usual) < ALIKE_S:
+            delay = usual
         return size / (delay + size / speed)
 
     def uplink(self, edge: str) -> float:

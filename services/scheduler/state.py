@@ -127,6 +127,8 @@ class SchedulerState:
     link_since: float = float("-inf")
     planning: bool = False
     moved: int = 0
+    wished: dict[str, str] = field(default_factory=dict)
+    """robot → edge that the last plan would run it on; it moves when the next one says so again"""
     stranded: set[str] = field(default_factory=set)
     """robots that reach no edge that is there"""
     counters: Counter[str] = field(default_factory=Counter)
@@ -270,6 +272,7 @@ class SchedulerState:
         if plan.epoch != self.epoch or not self._steady(plan.now) or not set(self._named(plan)) <= set(alive):
             self.counters["plans overtaken by events"] += 1
             return []
+        before, self.wished = self.wished, {}
         moves = []
         for robot, fuse in sorted(plan.fuse.items()):
             old = self.routes[robot]
@@ -278,6 +281,9 @@ class SchedulerState:
                 continue
             if slam not in self.reachable(robot, alive):
                 self.counters["moves out of reach refused"] += 1
+                continue
+            if slam != old.slam_edge and before.get(robot) != slam:
+                self.wished[robot] = slam  # to rebuild a map is dear, and measurements are noisy
                 continue
             epoch = old.epoch if slam == old.slam_edge else (self.term, self.count + 1)
             self.routes[robot] = Route(slam_edge=slam, fuse_edge=fuse, epoch=epoch)

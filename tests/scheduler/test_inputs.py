@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config import EdgeEntry, Fleet, RobotEntry, SimSource
+from common.config import EdgeEntry, Fleet, RobotConfig, RobotEntry, SimSource
 from common.errors import ConfigError, UsageError
 from common.wire import (
     CloudStatus,
@@ -21,7 +21,7 @@ from common.wire import (
     RobotStatus,
 )
 from services.scheduler.costs import FusionModel
-from services.scheduler.inputs import Inputs
+from services.scheduler.inputs import ALIKE, FRAME_HZ, Inputs
 from services.scheduler.profile import Profile, load_profile
 from services.scheduler.regression import FusionTimes
 from services.scheduler.what_if import WhatIf
@@ -79,10 +79,10 @@ def test_an_edge_is_as_fast_as_its_scans_are_against_the_profile() -> None:
     for _ in range(3):
         inputs.hear(edge_status("e1", {"r1": 2.0, "r2": 2.0}), 1.0)
         inputs.hear(edge_status("e2", {"r3": 8.0}), 1.0)
-    assert inputs.speed("e1") == pytest.approx(1.0)
-    assert inputs.speed("e2") == pytest.approx(0.25)
     assert inputs.speed("e3") == pytest.approx(0.625), "not measured: as good as the measured ones, not better"
-    assert inputs.scan_s("r3", "e2") == pytest.approx(0.002), "at speed 1"
+    assert inputs.speed("e1") == pytest.approx(1.0 / ALIKE)
+    assert inputs.speed("e2") == pytest.approx(0.25 * ALIKE)
+    assert inputs.scan_s("r3", "e2") / inputs.speed("e2") == pytest.approx(0.008), "where it runs: as measured"
 
 
 def test_more_instances_than_cores_do_not_make_an_edge_look_slow() -> None:
@@ -142,14 +142,15 @@ def test_uplinks_are_measured_by_the_cloud() -> None:
 
 
 def test_a_round_holds_the_frames_that_the_robot_makes_between_two_fusions() -> None:
-    inputs = Inputs(fleet("e1"), Profile(slam_s={"": 0.002}))
-    for second in range(6):
+    live = fleet("e1").model_copy(update={"robot": RobotConfig(realtime=True)})
+    inputs = Inputs(live, Profile(slam_s={"": 0.002}))
+    for second in range(21):
         inputs.hear(status("r1", 5 * second), float(second))
-    inputs.hear(notice("r1", "e1", seq=99), 5.0)
     (row,) = inputs.robot_rows(("r1",), ("e1",), {"r1": _route("e1")}, {"r1": ["e1"]})
     assert row["frame_bytes"] == pytest.approx(10 * 800)
     assert row["slam_s"] == pytest.approx(10 * 0.002)
     assert row["rounds"] == pytest.approx(10)
+    assert Inputs(fleet("e1"), Profile()).frame_hz("r1") == FRAME_HZ
 
 
 def test_what_if_an_edge_were_slower_is_a_factor_on_its_speed() -> None:
