@@ -70,3 +70,10 @@ def test_a_value_that_is_none_is_refused_by_its_name() -> None:
         fleets.revised(Fleet(), topology="star")
     with pytest.raises(ConfigError, match="scheduler"):
         fleets.revised(Fleet(), scheduler={"kappa": 0})
+
+
+def test_the_fleet_file_of_the_readme_loads(tmp_path: Path) -> None:
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    path = tmp_path / "readme.toml"
+    path.write_text(readme.split("```toml\n")[1].split("```")[0])
+    assert [robot.id for robot in arrange(load(path)).robots] == ["r1", "r2"]
