@@ -19,6 +19,7 @@ from typing import Any
 
 import msgpack
 
+from common.errors import RecslamError
 from common.workers.framing import HEAD
 
 
@@ -32,7 +33,11 @@ def main() -> None:
     _send(channel, [0, True, os.getpid()])
     while True:
         request_id, method, arguments = requests.get()
-        _send(channel, [request_id, *_call(host, method, arguments)])
+        answer = _call(host, method, arguments)
+        try:
+            _send(channel, [request_id, *answer])
+        except OSError:
+            os._exit(0)  # the parent is gone
 
 
 def _call(host: object, method: str, arguments: dict[str, Any]) -> tuple[bool, Any]:
@@ -41,7 +46,8 @@ def _call(host: object, method: str, arguments: dict[str, Any]) -> tuple[bool, A
             raise AttributeError(f"{method} is not to be called from outside")
         return True, getattr(host, method)(**arguments)
     except Exception as error:
-        traceback.print_exc()
+        if not isinstance(error, RecslamError):  # those say all in their message
+            traceback.print_exc()
         return False, f"{type(error).__name__}: {error}"
 
 

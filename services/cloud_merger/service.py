@@ -108,6 +108,7 @@ class CloudMerger:
     async def _tick(self) -> None:
         while True:
             await asyncio.sleep(self._fleet.cloud.merge_every_s)
+            await self._restart()
             self._feed(merging.Tick())
 
     # Instructions out
@@ -280,16 +281,17 @@ class CloudMerger:
         await self._worker.call("warm")
 
     async def _restart(self) -> None:
-        """Another merging process, which has everything fetched anew; the first to notice the death sees to it."""
-        dead = self._worker
-        if dead is None or not dead.gone.is_set():
+        """Another merging process if it has died, and everything fetched anew; who notices first sees to it."""
+        if self._worker is None or not self._worker.gone.is_set():
             return
         self._worker = None
         log.error("the merging process died; starting another")
-        old = self.state
-        await self._start_worker()
-        self.state = CloudState(old.expected, old.epoch, old.members, old.notices, verdicts=old.verdicts)
-        self.state.edge_maps, self.state.world, self.state.counters = old.edge_maps, old.world, old.counters
+        try:
+            await self._start_worker()
+        except WorkerDied as error:
+            self._problem(f"merging process: {error}")
+            return  # the next tick tries again
+        self.state = self.state.empty_handed()
         self._feed(merging.Tick())
 
 

@@ -140,6 +140,12 @@ class CloudState:
             for edge in self.fusing_edges()
         )
 
+    def empty_handed(self) -> CloudState:
+        """What has been heard, after the process that held sketches and edge maps has died."""
+        heard = CloudState(self.expected, self.epoch, self.members, self.notices, verdicts=self.verdicts)
+        heard.edge_maps, heard.world, heard.counters = self.edge_maps, self.world, self.counters
+        return heard
+
     def validate(self) -> None:
         """Raises AssertionError when an invariant does not hold."""
         assert set(self.sketches) <= set(self.members)

@@ -29,7 +29,7 @@ class Fusion:
         self._fleet, self._edge, self._bus, self._links = fleet, edge, bus, links
         self.state = FusingState(edge)
         self._worker: Worker | None = None
-        self._steps: asyncio.Queue[fusing.Instruction] = asyncio.Queue(maxsize=4096)
+        self._steps: asyncio.Queue[fusing.Instruction | None] = asyncio.Queue(maxsize=4096)
         self._shown: EdgeMapNotice | None = None
         self.stages: dict[str, float] = {}
         """seconds of the last run of each stage"""
@@ -60,13 +60,24 @@ class Fusion:
         """Carry out instructions one by one, with a tick every `map_every_s`."""
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._tick(), name="fusion tick")
+            guard = tasks.create_task(self._guard(), name="fusion guard")
             while True:
                 step = await self._steps.get()
                 try:
+                    if step is None:
+                        raise WorkerDied("the fusion process has ended")
                     await self._carry_out(step)
-                except WorkerDied:
-                    log.error("the fusion process died; starting another with all maps fetched anew")
+                except WorkerDied as death:
+                    log.error("starting another fusion process; all maps are fetched anew", extra={"reason": death})
+                    guard.cancel()
                     await self._restart()
+                    guard = tasks.create_task(self._guard(), name="fusion guard")
+
+    async def _guard(self) -> None:
+        """Wake `run` when the process dies while it has nothing to do."""
+        if self._worker is not None:
+            await self._worker.gone.wait()
+            self._steps.put_nowait(None)
 
     async def _tick(self) -> None:
         while True:

@@ -178,6 +178,20 @@ def test_a_robot_routed_no_more_is_forgotten() -> None:
     assert state.handle(Routed(routes(2, {"r1": "e1"}))) == [Forget("r2")]
 
 
+def test_after_the_death_of_the_merging_process_all_is_fetched_and_solved_again() -> None:
+    state, solve = settled()
+    state.handle(Solved(solved(solve, {"r1": 1, "r2": 1})))
+    part(state, "e1", "r1", 5)
+    again = state.empty_handed()
+    steps = again.handle(Tick())
+    sketches = [step for step in steps if isinstance(step, FetchSketch)]
+    assert [step.notice.robot for step in sketches] == ["r1", "r2"]
+    assert only(FetchPart, steps).since == 0
+    last = [step for each in sketches for step in again.handle(SketchFetched(each))]
+    assert only(Solve, last).final
+    assert again.handle(FetchFailed(sketches[0])) == []
+
+
 def test_a_later_final_map_makes_another_final_world() -> None:
     state, solve = settled()
     state.handle(Solved(solved(solve, {"r1": 1, "r2": 1})))
