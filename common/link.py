@@ -34,7 +34,10 @@ class LinkMeter:
 
 
 def line(pages: list[tuple[int, float]]) -> tuple[float, float]:
-    """(bytes/s, delay s) through (bytes, s) pages; all is put down to speed where sizes are too much alike."""
+    """(bytes/s, delay s) through (bytes, s) pages.
+
+    Where sizes are too much alike to tell the two apart, the link is as fast as its fastest page was, at least.
+    """
     slopes = [
         (late - soon) / (large - small)
         for (small, soon), (large, late) in itertools.combinations(sorted(pages), 2)
@@ -42,5 +45,5 @@ def line(pages: list[tuple[int, float]]) -> tuple[float, float]:
     ]
     slope = median(slopes) if len(slopes) >= ENOUGH_PAIRS else 0.0
     if slope <= 0:
-        return median(size / seconds for size, seconds in pages), 0.0
+        slope = min(seconds / size for size, seconds in pages)
     return 1 / slope, max(0.0, median(seconds - size * slope for size, seconds in pages))

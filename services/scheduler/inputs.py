@@ -132,7 +132,9 @@ class Inputs:
         rows = []
         for robot in robots:
             route, profile, status = routes[robot], self._profiles.get(robot), self._statuses.get(robot)
-            frames = self.frame_hz(robot) * self._fleet.edge.map_every_s
+            ended = status is not None and status.ended
+            frames = 0.0 if ended else self.frame_hz(robot) * self._fleet.edge.map_every_s
+            scan_s = self.scan_s(robot, route.slam_edge)
             size = status.bytes_sent / status.sent if status is not None and status.sent else FRAME_BYTES
             rows.append(
                 {
@@ -141,10 +143,10 @@ class Inputs:
                     "start": profile.start if profile is not None else None,
                     "range_max": profile.range_max if profile is not None else 0.0,
                     "frame_bytes": size * frames,
-                    "bandwidth": [self._links.transfer(robot, edge, size * frames) for edge in edges],
-                    "slam_s": self.scan_s(robot, route.slam_edge) * frames,
+                    "bandwidth": [self._links.transfer(robot, edge, max(size, size * frames)) for edge in edges],
+                    "slam_s": scan_s * frames,
                     "pack_s": status.pack_s if status is not None else 0.0,
-                    "rounds": status.sent / frames if status is not None else 0.0,
+                    "move_s": scan_s * status.sent if status is not None else 0.0,
                     "slam": route.slam_edge,
                     "fuse": route.fuse_edge,
                 }

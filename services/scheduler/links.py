@@ -21,8 +21,6 @@ PAGES = 3
 LINK = 12.5e6
 """bytes/s of a link between robot and edge that has not been measured: 100 Mbit/s"""
 GIGABIT = 1e9 / 8
-MAP_BYTES = 100_000.0
-"""of an edge map, to turn an uplink's delay into speed"""
 
 
 class Links:
@@ -45,10 +43,10 @@ class Links:
             self._speeds[robot][edge] = link.bytes_per_s
 
     def uplink_measured(self, link: LinkStatus) -> None:
-        """What the cloud says of the way from an edge."""
+        """What the cloud says of the way from an edge; its delay is the same for a map of any size."""
         if link.pages >= PAGES and link.bytes_per_s > 0:
             edge = link.peer.removeprefix("edge/")
-            self._uplinks[edge] = MAP_BYTES / (link.delay_s + MAP_BYTES / link.bytes_per_s)
+            self._uplinks[edge] = link.bytes_per_s
 
     def transfer(self, robot: str, edge: str, size: float) -> float:
         """Bytes/s at which `size` bytes of a round come from the robot to the edge, the delay of a frame included."""

@@ -69,7 +69,7 @@ POOL = 8
 START_SHARE = 0.2
 """of the budget, after which no further start is descended from"""
 
-SLACK = 0.02
+SLACK = 0.05
 """share of the completion time that may be given up for maps that overlap to be fused together, as long as every start
 of the search, the paper's plan among them, is no better"""
 

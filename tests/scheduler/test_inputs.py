@@ -60,7 +60,7 @@ def notice(robot: str, edge: str, seq: int = 99, delay: float = 0.0) -> MapNotic
     )
 
 
-def status(robot: str, sent: int) -> RobotStatus:
+def status(robot: str, sent: int, ended: bool = False) -> RobotStatus:
     return RobotStatus(
         robot=robot,
         stream=STREAM,
@@ -71,6 +71,7 @@ def status(robot: str, sent: int) -> RobotStatus:
         dropped=0,
         backfilled=0,
         bytes_sent=800 * sent,
+        ended=ended,
     )
 
 
@@ -137,8 +138,8 @@ def test_uplinks_are_measured_by_the_cloud() -> None:
         ),
         1.0,
     )
-    assert [row["bandwidth"] for row in inputs.edge_rows(("e1", "e2"))] == pytest.approx([5e5, 5e5])
-    assert inputs.figures(["e1"])["uplink e1 bytes/s"] == pytest.approx(5e5)
+    assert [row["bandwidth"] for row in inputs.edge_rows(("e1", "e2"))] == pytest.approx([1e6, 1e6])
+    assert inputs.figures(["e1"])["uplink e1 bytes/s"] == pytest.approx(1e6)
 
 
 def test_a_round_holds_the_frames_that_the_robot_makes_between_two_fusions() -> None:
@@ -149,8 +150,11 @@ def test_a_round_holds_the_frames_that_the_robot_makes_between_two_fusions() -> 
     (row,) = inputs.robot_rows(("r1",), ("e1",), {"r1": _route("e1")}, {"r1": ["e1"]})
     assert row["frame_bytes"] == pytest.approx(10 * 800)
     assert row["slam_s"] == pytest.approx(10 * 0.002)
-    assert row["rounds"] == pytest.approx(10)
+    assert row["move_s"] == pytest.approx(100 * 0.002)
     assert Inputs(fleet("e1"), Profile()).frame_hz("r1") == FRAME_HZ
+    inputs.hear(status("r1", 101, ended=True), 21.0)
+    (row,) = inputs.robot_rows(("r1",), ("e1",), {"r1": _route("e1")}, {"r1": ["e1"]})
+    assert row["slam_s"] == row["frame_bytes"] == 0, "a robot that sends no more"
 
 
 def test_what_if_an_edge_were_slower_is_a_factor_on_its_speed() -> None:

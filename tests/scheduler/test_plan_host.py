@@ -26,7 +26,7 @@ def robot(name: str, at: tuple[float, float] | None, edge: str, reach: list[str]
         "bandwidth": [1e7, 1e7],
         "slam_s": 0.01,
         "pack_s": 0.001,
-        "rounds": 10,
+        "move_s": 0.1,
         "slam": edge,
         "fuse": edge,
     }
