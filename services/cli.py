@@ -177,6 +177,24 @@ def warmup() -> None:
         typer.echo(f"{name}: {seconds:.1f} s")
 
 
+@app.command()
+def profile(
+    out: Annotated[Path, typer.Option(help="File to write; name it as scheduler.profile.")] = Path("profile.toml"),
+    kernel: Kernel = None,
+    seconds: Annotated[float, typer.Option(min=1, help="Length of the simulated drives.")] = 30.0,
+) -> None:
+    """Time SLAM and the fusion of 2 to 12 maps on this machine, for the scheduler to start from."""
+    from common.config import SlamConfig
+    from services.command.profile import profile as measure
+
+    async def show() -> None:
+        async for line in measure(kernel or SlamConfig().kernel, seconds, out):
+            typer.echo(line)
+        typer.echo(f"written to {out}")
+
+    _await(show())
+
+
 @app.command(context_settings=FORWARD)
 def robot(context: typer.Context) -> None:
     """Run one robot's agent (arguments: recslam robot --help; --id replica: named after its compose replica)."""
