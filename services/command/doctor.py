@@ -15,9 +15,9 @@ from services.command import collect
 from services.command.finding import Place
 from services.command.report import machine, versions
 
-LISTEN_S = 1.5
-"""longer than the second between two statuses of a service"""
-CLOCK_S = 0.5
+LISTEN_S = 2.5
+"""two statuses of every service, which sends one a second"""
+CLOCK_S = 1.0
 """clocks that differ by more are worth the operator's attention"""
 
 LATCHED = (
