@@ -14,6 +14,7 @@ from services.scheduler.costs import FusionModel, Problem, predict
 from services.scheduler.graph import cut, quantise
 from services.scheduler.overlap import Footprint, cells_of_raster, cells_of_route, lattice_cells, overlap_matrix
 from services.scheduler.policies import SLACK, plan
+from services.scheduler.regrouping import relabelled
 
 MAP_BYTES_PER_M2 = 380.0
 """of compressed tiles, measured on a robot map of the apartment (329 scans, 76 m2 known)"""
@@ -171,21 +172,3 @@ def make_problem(
         fusion=fusion,
         map_bytes_per_m2=MAP_BYTES_PER_M2,
     )
-
-
-def relabelled(groups: np.ndarray, present: np.ndarray, reachable: np.ndarray) -> np.ndarray:
-    """The same groups on such edges that most robots stay where they are fused now; reachability is kept."""
-    from scipy.optimize import linear_sum_assignment
-
-    count = reachable.shape[1]
-    stay = np.zeros((count, count))
-    for group in range(count):
-        members = groups == group
-        for edge in range(count):
-            stay[group, edge] = (members & (present == edge)).sum()
-            if not reachable[members, edge].all():
-                stay[group, edge] = -1e6
-    _, edge_of = linear_sum_assignment(stay, maximize=True)
-    mapped = edge_of[groups]
-    reached = reachable[np.arange(len(mapped)), mapped]
-    return np.where(reached, mapped, groups)

@@ -18,7 +18,7 @@ from services.scheduler.graph import Groups, cut, quantise
 from services.scheduler.grouping import balanced_grouping
 from services.scheduler.local_search import Found, descend, tournament
 from services.scheduler.placement import edge_offloading
-from services.scheduler.regrouping import closer
+from services.scheduler.regrouping import closest
 from services.scheduler.starts import placed, sized_groups
 from services.scheduler.tabu import TabuMode
 
@@ -69,9 +69,9 @@ POOL = 8
 START_SHARE = 0.2
 """of the budget, after which no further start is descended from"""
 
-SLACK = 0.05
-"""share of the completion time that may be given up for maps that overlap to be fused together, as long as every start
-of the search, the paper's plan among them, is no better"""
+SLACK = 0.1
+"""share of the completion time, about what a prediction is good for, that may be given up for maps that overlap to be
+fused together, as long as the paper's plan is no better"""
 
 Policy = Callable[[Problem, Settings], Choice]
 
@@ -212,8 +212,8 @@ def recslam_policy(problem: Problem, settings: Settings) -> Choice:
     best = tournament(stages, pool, KICKS, rng, settings.spent)
     choice = _verdict(problem, best, times, starts)
     total = predict(problem, choice.slam, choice.fuse).total
-    bound = max(total, min(total * (1 + SLACK), *times.values()))
-    return replace(choice, fuse=closer(problem, weights, choice.slam, choice.fuse, bound, settings.spent))
+    bound = max(total, min(total * (1 + SLACK), times["paper"]))
+    return replace(choice, fuse=closest(problem, weights, choice.slam, choice.fuse, groups, bound, settings.spent))
 
 
 def _verdict(problem: Problem, best: Found, times: dict[str, float], starts: dict[str, Choice]) -> Choice:

@@ -9,9 +9,28 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from services.scheduler.costs import Ints, Problem, predict
-from services.scheduler.graph import Weights
+from services.scheduler.graph import Groups, Weights, cut
+
+
+def closest(
+    problem: Problem,
+    weights: Weights,
+    slam: Ints,
+    fuse: Ints,
+    groups: Groups,
+    bound: float,
+    spent: Callable[[], float],
+) -> Ints:
+    """(V,) fusing edges of the smallest cut that is reached from `fuse` or from these groups within the bound."""
+    every, named = np.arange(len(fuse)), relabelled(groups, fuse, problem.reachable)
+    starts = [fuse, np.where(problem.reachable[every, named], named, fuse)]
+    within = [each for each in starts if predict(problem, slam, each).total <= bound]
+    found = [closer(problem, weights, slam, each, bound, spent) for each in within]
+    return min(found, key=lambda each: cut(weights, each))
 
 
 def closer(
@@ -55,3 +74,19 @@ def _step(
         if predict(problem, slam, tried).total <= bound:
             return tried
     return None
+
+
+def relabelled(groups: Groups, present: Ints, reachable: NDArray[np.bool_]) -> Ints:
+    """The same groups on such edges that most robots stay where they are fused now; reachability is kept."""
+    count = reachable.shape[1]
+    stay = np.zeros((count, count))
+    for group in range(count):
+        members = groups == group
+        for edge in range(count):
+            stay[group, edge] = (members & (present == edge)).sum()
+            if not reachable[members, edge].all():
+                stay[group, edge] = -1e6
+    _, edge_of = linear_sum_assignment(stay, maximize=True)
+    mapped = edge_of[groups]
+    reached = reachable[np.arange(len(mapped)), mapped]
+    return np.where(reached, mapped, groups)

@@ -10,7 +10,8 @@ import pytest
 from common.grid.grid import FREE
 from common.grid.tiles import encode_occupancy
 from common.wire import FixedPose, OverlapMatrix, Placed, Transforms, decode, encode
-from services.scheduler.plan_host import PlanHost, relabelled
+from services.scheduler.plan_host import PlanHost
+from services.scheduler.regrouping import relabelled
 
 EDGES = [{"name": name, "speed": 1.0, "bandwidth": 1e8, "cores": 2} for name in ("e1", "e2")]
 POLICY = {"budget_s": 0.02, "kappa": 20, "tau": 5, "hysteresis": 0.1, "fusion": [0.03, 0.02, 2e-4], "horizon": 10.0}
