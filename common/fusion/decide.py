@@ -23,22 +23,32 @@ def decide(hypotheses: list[Hypothesis], settings: FusionSettings) -> tuple[Verd
     if kind != "merged":
         return kind, reason
     ratio = runner_up(hypotheses)
-    clear = best.score * (1 - ratio) >= settings.clear_lead_m
-    if ratio > (settings.max_runner_up_ever if clear else settings.max_runner_up):
+    if ratio > _tolerated(best, ratio, settings):
         return "ambiguous", f"another placement scores {ratio:.0%} of the best: the place looks alike in two ways"
-    if best.grip_m < settings.min_grip_m:
+    if best.grip_m < (settings.min_bent_grip_m if best.bent else settings.min_grip_m):
         return "ambiguous", f"only {best.grip_m:.1f} m of wall keep one map from sliding along the other"
     return "merged", reason
 
 
 def judge_alone(hypothesis: Hypothesis, settings: FusionSettings) -> tuple[VerdictKind, str]:
     """What would be decided if there were no other hypothesis."""
-    evidence = hypothesis.evidence
+    evidence, bent = hypothesis.evidence, hypothesis.bent is not None
     told = f"{evidence.agreement:.0%} of {evidence.judged_m:.0f} m of wall agree, {evidence.conflict:.1%} contradict"
+    told += " once the bending of the maps is followed" if bent else ""
+    score = settings.min_bent_score_m if bent else settings.min_score_m
     if evidence.overlap_m2 < settings.min_overlap_m2 or hypothesis.score < settings.min_score_m:
         return "no_overlap", f"the best placement shares too little: {evidence.overlap_m2:.0f} m^2, {told}"
-    if evidence.blob_m > settings.max_blob_m:
+    if evidence.blob_m > settings.max_blob_m + (settings.bent_blob * evidence.agreeing_m if bent else 0.0):
         return "conflict", f"{evidence.blob_m:.1f} m of connected wall stand in the other map's free space; {told}"
-    if hypothesis.score < settings.min_quality * evidence.judged_m:
+    quality = settings.min_bent_quality if bent else settings.min_quality
+    if hypothesis.score < max(score, quality * evidence.judged_m):
         return "conflict", f"too much speaks against the best placement: {told}"
     return "merged", told
+
+
+def _tolerated(best: Hypothesis, ratio: float, settings: FusionSettings) -> float:
+    """How good a runner-up may be."""
+    if best.bent is not None:
+        return settings.max_bent_runner_up
+    clear = best.score * (1 - ratio) >= settings.clear_lead_m
+    return settings.max_runner_up_ever if clear else settings.max_runner_up

@@ -50,16 +50,23 @@ def weigh(a: MatchMap, b: MatchMap, pose: NDArray[np.float64], settings: FusionS
     """The evidence about `pose`, the pose of b's frame in a's."""
     in_a = classify(a, b.sample, pose, settings)
     in_b = classify(b, a.sample, inverse(pose), settings)
+    return tally(a, b, in_a, in_b, apply(pose, b.sample.points), pose)
+
+
+def tally(
+    a: MatchMap,
+    b: MatchMap,
+    in_a: NDArray[np.int8],
+    in_b: NDArray[np.int8],
+    brought: NDArray[np.float64],
+    pose: NDArray[np.float64],
+) -> Evidence:
+    """The evidence from the labels of b's sampled walls in a, brought there to points (n, 2), and of a's in b."""
     lengths = np.zeros(4)
     for labels, map_ in ((in_a, b), (in_b, a)):
         if len(labels):
             lengths += np.bincount(labels, minlength=4) * (map_.wall_m / len(labels) / 2)
-    clashing = np.concatenate(
-        [
-            apply(pose, b.sample.points[in_a == CONTRADICTS]),
-            a.sample.points[in_b == CONTRADICTS],
-        ]
-    )
+    clashing = np.concatenate([brought[in_a == CONTRADICTS], a.sample.points[in_b == CONTRADICTS]])
     return Evidence(
         agreeing_m=float(lengths[AGREES]),
         conflicting_m=float(lengths[CONTRADICTS]),

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from common.fusion.bend import Bend, bend, weigh_bent
 from common.fusion.correlate import propose_by_correlation
 from common.fusion.evidence import AGREES, CONTRADICTS, Evidence, classify, weigh
 from common.fusion.features import propose_by_features
@@ -27,6 +28,14 @@ NUDGES_M = (-0.6, -0.3, 0.3, 0.6)
 SLIDES_M = (-3.0, -2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 3.0)
 CONFLICT_PRICE = 6.0
 """metres of agreeing wall that a metre of contradiction outweighs"""
+BENT_TRIALS = 3
+"""hypotheses that are weighed as bent when no rigid one convinces"""
+BENT_PROMISE_M, BENT_PRICE = 15.0, 2.0
+"""and what they must score at this price of contradictions"""
+SAME_SCORE_M = 1.0
+"""scores nearer than this say the same"""
+ROUGH_PRICE = 1.0
+"""the same while proposals are sifted: a bent map contradicts itself at any rigid placement"""
 
 
 class Hypothesis(NamedTuple):
@@ -35,6 +44,8 @@ class Hypothesis(NamedTuple):
     information: NDArray[np.float64]
     """(3, 3) inverse covariance of x, y, theta"""
     evidence: Evidence
+    bent: Bend | None = None
+    """how b is bent in a, when the evidence is about that and not about the rigid pose"""
 
     @property
     def score(self) -> float:
@@ -61,11 +72,12 @@ def search(
         found = a.features(settings.features), b.features(settings.features)
         proposals.append(propose_by_features(*found, settings.feature_hypotheses, seed))
     quick = b.sample.at(np.arange(len(b.sample.points))[:QUICK_SAMPLES])
-    rough = [refine(a, quick, pose, settings.reach_m, QUICK_STEPS) for pose in np.concatenate(proposals)]
-    rough.sort(key=lambda result: -_promise(a, quick, result.pose, settings))
+    rough = np.array([refine(a, quick, pose, settings.reach_m, QUICK_STEPS).pose for pose in np.concatenate(proposals)])
+    rough = rough.reshape(-1, 3)
     middle = b.walls.points.mean(axis=0)
-    first = distinct(np.array([result.pose for result in rough]).reshape(-1, 3), middle)[: settings.refined]
-    hypotheses = [judge(a, b, rough[k].pose, settings) for k in first]
+    sifted = rough[_sifted(a, quick, rough, settings)]
+    first = sifted[distinct(sifted, middle)[: settings.refined]]
+    hypotheses = [judge(a, b, pose, settings) for pose in first]
     if hypotheses:
         best = max(hypotheses, key=lambda one: one.score)
         hypotheses += [judge(a, b, best.slid(distance), settings) for distance in NUDGES_M]
@@ -91,10 +103,39 @@ def judge(
     return Hypothesis(result.pose, result.information, weigh(a, b, result.pose, settings))
 
 
-def _promise(a: MatchMap, quick: Walls, pose: NDArray[np.float64], settings: FusionSettings) -> float:
-    """The score of a rough hypothesis by a few of b's walls, in walls."""
-    counts = np.bincount(classify(a, quick, pose, settings), minlength=4)
-    return float(counts[AGREES] - CONFLICT_PRICE * counts[CONTRADICTS])
+def straighten(a: MatchMap, b: MatchMap, hypothesis: Hypothesis, settings: FusionSettings) -> Hypothesis:
+    """The hypothesis weighed again with b bent to fit, unless that says less for it."""
+    bent = bend(a, b, hypothesis.pose, settings)
+    found = hypothesis._replace(evidence=weigh_bent(a, b, bent, settings), bent=bent)
+    return found if found.score > hypothesis.score - SAME_SCORE_M else hypothesis
+
+
+def straighten_best(
+    a: MatchMap, b: MatchMap, hypotheses: list[Hypothesis], settings: FusionSettings
+) -> list[Hypothesis]:
+    """The hypotheses, best first, after the most promising have been weighed as bent."""
+
+    def promise(k: int) -> float:
+        evidence = hypotheses[k].evidence
+        return evidence.agreeing_m - BENT_PRICE * evidence.conflicting_m
+
+    chosen = [k for k in range(len(hypotheses)) if promise(k) >= BENT_PROMISE_M]
+    chosen = sorted(chosen, key=lambda k: -promise(k))[:BENT_TRIALS]
+    weighed = [straighten(a, b, one, settings) if k in chosen else one for k, one in enumerate(hypotheses)]
+    return sorted(weighed, key=lambda one: -one.score)
+
+
+def _sifted(a: MatchMap, quick: Walls, poses: NDArray[np.float64], settings: FusionSettings) -> NDArray[np.int64]:
+    """Indices of rough hypotheses in turn by two scores of a few of b's walls.
+
+    The full price finds a small overlap among much that agrees by chance, the low one a large overlap of bent maps.
+    """
+    counts = np.array([np.bincount(classify(a, quick, pose, settings), minlength=4) for pose in poses]).reshape(-1, 4)
+    ranks = []
+    for price in (CONFLICT_PRICE, ROUGH_PRICE):
+        order = np.argsort(price * counts[:, CONTRADICTS] - counts[:, AGREES], kind="stable")
+        ranks.append(np.argsort(order, kind="stable"))
+    return np.argsort(np.minimum(*ranks), kind="stable")
 
 
 def distinct(poses: NDArray[np.float64], middle: NDArray[np.float64]) -> list[int]:

@@ -12,12 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from common.errors import Unmergeable
+from common.fusion.bend import bend, loosened
 from common.fusion.decide import decide, judge_alone, runner_up
-from common.fusion.hypotheses import Hypothesis, judge, search, slides
+from common.fusion.hypotheses import Hypothesis, judge, search, slides, straighten, straighten_best
 from common.fusion.matchmap import MatchMap
 from common.fusion.settings import FusionSettings
 from common.geometry.se2 import Pose
 from common.wire.edge import PairVerdict, VerdictKind
+
+STRAIGHT_SHARE = 0.9
+"""share of agreeing wall from which on maps are taken for straight"""
 
 
 @dataclass(frozen=True)
@@ -73,10 +77,12 @@ def match(
         return refusal
     priors = [] if prior is None else [np.asarray(prior, np.float64)]
     hypotheses = search(a, b, settings, seed, priors)
+    if hypotheses and judge_alone(hypotheses[0], settings)[0] != "merged":
+        hypotheses = straighten_best(a, b, hypotheses, settings)
     if hypotheses and judge_alone(hypotheses[0], settings)[0] == "merged":
         hypotheses += slides(a, b, hypotheses[0], settings)
     kind, reason = decide(hypotheses, settings)
-    return _result(kind, reason, hypotheses, a, b)
+    return _result(kind, reason, hypotheses, a, b, settings)
 
 
 def track(a: MatchMap, b: MatchMap, transform: ArrayLike, *, settings: FusionSettings | None = None) -> Match:
@@ -89,8 +95,10 @@ def track(a: MatchMap, b: MatchMap, transform: ArrayLike, *, settings: FusionSet
     if refusal is not None:
         return refusal
     hypothesis = judge(a, b, np.asarray(transform, np.float64), settings)
+    if judge_alone(hypothesis, settings)[0] != "merged":
+        hypothesis = straighten(a, b, hypothesis, settings)
     kind, reason = judge_alone(hypothesis, settings)
-    return _result(kind, reason, [hypothesis], a, b)
+    return _result(kind, reason, [hypothesis], a, b, settings)
 
 
 def _refusal(a: MatchMap, b: MatchMap, settings: FusionSettings) -> Match | None:
@@ -103,7 +111,14 @@ def _refusal(a: MatchMap, b: MatchMap, settings: FusionSettings) -> Match | None
     return None
 
 
-def _result(kind: VerdictKind, reason: str, hypotheses: list[Hypothesis], a: MatchMap, b: MatchMap) -> Match:
+def _result(
+    kind: VerdictKind,
+    reason: str,
+    hypotheses: list[Hypothesis],
+    a: MatchMap,
+    b: MatchMap,
+    settings: FusionSettings,
+) -> Match:
     if not hypotheses:
         return Match(kind, reason)
     best, merged = hypotheses[0], kind == "merged"
@@ -111,7 +126,7 @@ def _result(kind: VerdictKind, reason: str, hypotheses: list[Hypothesis], a: Mat
         kind=kind,
         reason=reason,
         transform=best.pose if merged else None,
-        information=best.information if merged else None,
+        information=_information(a, b, best, settings) if merged else None,
         overlap=min(0.5, best.evidence.overlap_m2 / (a.known_m2 + b.known_m2)),
         agreement=best.evidence.agreement,
         conflict=best.evidence.conflict,
@@ -119,3 +134,11 @@ def _result(kind: VerdictKind, reason: str, hypotheses: list[Hypothesis], a: Mat
         score=best.score,
         hypotheses=tuple(hypotheses),
     )
+
+
+def _information(a: MatchMap, b: MatchMap, best: Hypothesis, settings: FusionSettings) -> NDArray[np.float64]:
+    """How surely the pose of a decided hypothesis is known, bending included."""
+    bent = best.bent
+    if bent is None and best.evidence.agreement < STRAIGHT_SHARE:
+        bent = bend(a, b, best.pose, settings)
+    return loosened(best.information, b, best.pose, bent)

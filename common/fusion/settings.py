@@ -41,6 +41,10 @@ class FusionSettings(BaseModel):
     contradiction_m: Positive = 0.25
     """a wall in free space farther than this from any wall contradicts"""
 
+    max_bend_m: Positive = 1.5
+    """how far drift may carry any place of a map from where a rigid transform puts it"""
+    max_bend_rad: Positive = 0.15
+
     # decide
     min_walls_m: Positive = 6.0
     """a map with less wall is not compared"""
@@ -60,6 +64,18 @@ class FusionSettings(BaseModel):
     """... and even then up to here"""
     min_grip_m: Positive = 1.0
     """metres of wall across the transform's weakest direction, below which it counts as ambiguous"""
+
+    # decide about bent maps, which fit patch by patch only
+    min_bent_score_m: Positive = 30.0
+    """score that a merge must have then"""
+    min_bent_quality: Share = 0.45
+    """score over metres of wall in the overlap"""
+    max_bent_runner_up: Share = 0.5
+    """score of a distinct other hypothesis over the best"""
+    min_bent_grip_m: Positive = 3.0
+    """metres of wall across the transform's weakest direction"""
+    bent_blob: Share = 0.01
+    """longest coherent contradiction beyond `max_blob_m`, per metre of agreeing wall"""
 
     # solve
     max_cycle_m: Positive = 0.5

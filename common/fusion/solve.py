@@ -23,8 +23,6 @@ WORLD = ""
 """node of the world in the graph; sorts before every robot"""
 START_INFORMATION = np.diag([25.0, 25.0, 400.0])
 """a start pose is good to 0.2 m and 3 degrees"""
-BEND = np.diag([0.02**2, 0.02**2, 0.003**2])
-"""covariance that real maps add to any pair by being bent: no pair is surer than this"""
 HUBER = 3.0
 ITERATIONS = 30
 SAME_FRAME_M, SAME_FRAME_RAD = 0.5, 0.1
@@ -87,14 +85,9 @@ def _relax(graph: nx.Graph, pairs: Mapping[Pair, Measured]) -> dict[str, Pose]:
         return poses
     ends = np.array([(index[a], index[b]) for a, b in edges])
     measured = np.array([np.asarray(pairs[edge].transform, np.float64) for edge in edges])
-    information = np.array([_bent(pairs[edge].information) for edge in edges])
+    information = np.array([pairs[edge].information for edge in edges])
     solved = _gauss_newton(np.array([poses[name] for name in names]), ends, measured, information)
     return dict(zip(names, solved, strict=True))
-
-
-def _bent(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The information (3, 3) after adding the covariance BEND."""
-    return np.asarray(np.linalg.inv(np.linalg.inv(information + 1e-9 * np.eye(3)) + BEND))
 
 
 def _gauss_newton(
