@@ -169,7 +169,7 @@ def test_a_service_that_dies_ends_the_run_with_the_end_of_its_log(tmp_path: Path
 
 def test_ctrl_c_ends_a_live_fleet_with_exit_code_0_and_leaves_its_map(tmp_path: Path) -> None:
     with start("up", write_fleet(tmp_path, SLOW, seconds=600), cwd=tmp_path, RECSLAM_BATCH="false") as process:
-        read_until(process, " of 2 robots in ")
+        read_until(process, " of 2 robots in 1 component")
         process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0
     run = tmp_path / "runs" / "latest"
