@@ -47,6 +47,7 @@ TopologyOption = Annotated[Topology | None, typer.Option(help="Instead of the fl
 Policy = Annotated[str | None, typer.Option(help="Scheduling policy instead of the fleet's.", show_default=False)]
 Kernel = Annotated[str | None, typer.Option(help="SLAM kernel instead of the fleet's.", show_default=False)]
 Keep = Annotated[bool, typer.Option("--keep", help="Leave the cluster up after the final map, until Ctrl-C.")]
+AsJson = Annotated[bool, typer.Option("--json", help="For programs.")]
 FleetName = Annotated[str, typer.Argument(metavar="FLEET", help="Fleet file, or the name of one that comes along.")]
 
 
@@ -169,6 +170,31 @@ def doctor(endpoint: Endpoint = None) -> None:
 
 
 @app.command()
+def merge(
+    maps: Annotated[list[Path], typer.Argument(help="yaml files of saved maps.")],
+    out: Annotated[Path, typer.Option(help="Folder for the merged map.")],
+    as_json: AsJson = False,
+) -> None:
+    """Merge saved maps of any origin and resolution; maps that share nothing are laid out apart."""
+    from services.command import merge as merging
+
+    merged = _checked(lambda: merging.merge(maps))
+    files = _checked(lambda: merging.write(merged, out))
+    _tell(merging.as_data(merged) if as_json else [*merging.as_lines(merged), f"written: {', '.join(map(str, files))}"])
+
+
+@app.command()
+def overlap(
+    maps: Annotated[list[Path], typer.Argument(help="yaml files of saved maps.")], as_json: AsJson = False
+) -> None:
+    """How much saved maps share: |A and B| / (|A| + |B|) of each pair, 0 to 0.5."""
+    from services.command import merge as merging
+
+    merged = _checked(lambda: merging.merge(maps))
+    _tell(merging.overlap_data(merged) if as_json else merging.overlap_lines(merged))
+
+
+@app.command()
 def warmup() -> None:
     """Compile all kernels, once after installation: the first run is slow otherwise."""
     from services.command.warmup import warmup as compile_all
@@ -248,6 +274,15 @@ def _service(module: str, arguments: list[str]) -> NoReturn:
         arguments[config] = str(_checked(lambda: find(name)))
     sys.stdout.flush()
     os.execv(sys.executable, [sys.executable, "-m", f"services.{module}", *arguments])
+
+
+def _tell(said: Any) -> None:
+    import json
+
+    if isinstance(said, list):
+        typer.echo("\n".join(said))
+    else:
+        typer.echo(json.dumps(said, indent=2))
 
 
 def _overridden(fleet: Any, topology: Topology | None, policy: str | None, kernel: str | None) -> Any:
