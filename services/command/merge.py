@@ -70,7 +70,7 @@ class Merged:
         names = sorted(self.pieces)
         maps, poses = [self.pieces[name].map for name in names], [self.image_pose(name) for name in names]
         part = [next(each.id for each in self.components if name in each.robots) for name in names]
-        return Footprints.of(maps, poses).weights() * np.equal.outer(np.array(part), np.array(part))
+        return Footprints.of(maps, poses).weights() * np.array([[one == other for other in part] for one in part])
 
 
 def merge(paths: Sequence[Path]) -> Merged:
