@@ -67,8 +67,8 @@ def test_every_frame_has_a_row_and_the_map_is_one_object_with_rising_versions() 
 
 def test_a_loop_brings_the_drift_back_to_nothing() -> None:
     truth = robot(duration_s=110.0, noise="worn", imu=False)
-    with_loops = run(driven(duration_s=110.0, noise="worn", imu=False))
-    without = run(driven(duration_s=110.0, noise="worn", imu=False), loop_inliers=1.0)
+    with_loops = run(driven(duration_s=110.0, noise="worn", imu=False), local_keyframes=15)
+    without = run(driven(duration_s=110.0, noise="worn", imu=False), local_keyframes=15, loop_inliers=1.0)
     with_loops.finish()
     assert with_loops.graph.loops.any()
     assert not without.graph.loops.any()

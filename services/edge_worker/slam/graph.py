@@ -110,6 +110,8 @@ class GraphSlam:
             measured = between(self.graph.poses[node - 1], self.pose)
             self.graph.add_edge(node - 1, node, measured, match.information, loop=False)
             self.closer.travelled += float(np.hypot(measured[0], measured[1]))
+            if not match.matched:
+                self.closer.torn = node
         self.tracker.add(self.keyframes, self.graph.poses)
         if len(self.keyframes) % self.settings.submap_keyframes == 0:
             self.closer.finish_submap(self.graph, node)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from services.edge_worker.slam.graph import GraphSlam
 
 KERNEL = "graph"
-VERSION = 1
+VERSION = 2
 MOST_BYTES = 1 << 30
 """of an unpacked body"""
 
@@ -47,6 +47,7 @@ def write(kernel: GraphSlam) -> bytes:
         "tried": closer.tried,
         "waiting": [[w.anchor, w.keyframe, w.measured, w.information, *w.correction] for w in closer.waiting],
         "travelled": closer.travelled,
+        "torn": closer.torn,
     }
     body = zstandard.ZstdCompressor(level=1).compress(msgpack.packb(state, default=_array_out))
     header = {
@@ -70,7 +71,7 @@ def read(data: bytes, kernel: GraphSlam) -> None:
         if len(keyframes) != len(graph.poses):
             raise ValueError(f"{len(keyframes)} keyframes, {len(graph.poses)} poses")
         closer.submaps = [Submap(anchor, tuple(members), poses) for anchor, members, poses in state["submaps"]]
-        closer.tried, closer.travelled = state["tried"], state["travelled"]
+        closer.tried, closer.travelled, closer.torn = state["tried"], state["travelled"], state["torn"]
         closer.waiting = [Loop(a, k, z, i, (m, r)) for a, k, z, i, m, r in state["waiting"]]
         tracker, track = Tracker(kernel.settings), Trajectory.of(state["track"])
         tracker.first = state["first"]

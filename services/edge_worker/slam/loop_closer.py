@@ -90,12 +90,14 @@ class LoopCloser:
     waiting: list[Loop] = field(default_factory=list)
     travelled: float = 0.0
     """m since the last loop"""
+    torn: int = 0
+    """first keyframe after the last break of tracking: what came before it is not rigid with what comes after"""
     cache: TargetCache = field(default_factory=TargetCache)
 
     def finish_submap(self, graph: PoseGraph, last: int) -> None:
         """Make a submap of the keyframes up to `last` and of those before it."""
         size = self.settings.submap_keyframes
-        members = np.arange(max(last - 2 * size + 1, 0), last + 1)
+        members = np.arange(max(last - 2 * size + 1, self.torn), last + 1)
         anchor = int(members[len(members) // 2])
         poses = between(graph.poses[anchor], graph.poses[members])
         self.submaps.append(Submap(anchor, tuple(int(m) for m in members), poses))
@@ -123,7 +125,7 @@ class LoopCloser:
             poses = between(poses[middle], poses)
             submaps.append(Submap(int(number[members[middle]]), tuple(number[members].tolist()), poses))
             tried.append(int(number[heir[last]]) if last >= 0 else -1)
-        self.submaps, self.tried = submaps, tried
+        self.submaps, self.tried, self.torn = submaps, tried, int(number[heir[self.torn]])
         self.waiting = [
             replace(loop, anchor=int(number[loop.anchor]), keyframe=int(number[loop.keyframe]))
             for loop in self.waiting
@@ -197,7 +199,7 @@ class LoopCloser:
     def _query(self, graph: PoseGraph, keyframes: list[Keyframe], newest: int) -> tuple[Points, Points]:
         """Points and normals (n, 2) of the latest keyframes in the frame of the newest."""
         points, normals = [], []
-        for k in range(max(newest - QUERY_KEYFRAMES + 1, 0), newest + 1):
+        for k in range(max(newest - QUERY_KEYFRAMES + 1, self.torn), newest + 1):
             frame = keyframes[k]
             kept = thin(frame.points, frame.normals, QUERY_SPACING, MATCH_POINTS)
             pose = between(graph.poses[newest], graph.poses[k])

@@ -41,6 +41,8 @@ SHORTEST_S, LONGEST_S = 0.02, 0.6
 """s between scans that tell a velocity"""
 STILL_SIGMA = (0.01, 0.005)
 """m, rad of measured motion, however short"""
+SWERVE = 0.05
+"""rad per metre, standard deviation of odometry's heading: turns that cancel out between two scans err all the same"""
 FLOOR = np.diag([0.005**2, 0.005**2, 0.002**2])
 """covariance that every matched motion has at least"""
 DOUBTFUL_FLOOR = np.diag([0.1**2, 0.1**2, 0.03**2])
@@ -78,12 +80,12 @@ class Tracker:
         """Where the scan was taken, `pose` being where the frame before was."""
         facing = normals(scan.points, scan.beams, scan.laser)
         kept = thin(scan.points, facing, SPACING, self.settings.match_points)
-        predicted, (window, sigma) = compose(pose, scan.motion), self._uncertainty(scan)
+        predicted, (window, prior) = compose(pose, scan.motion), self._uncertainty(scan)
         if len(kept) < self.settings.min_points:
-            return Match(predicted, False, _information(np.zeros((3, 3)), sigma))
+            return Match(predicted, False, _information(np.zeros((3, 3)), prior))
         guessed = scan.velocity is not None and bool(scan.times.any())
         query = Query(scan.points[kept], facing[kept], self._sweep(scan, kept, pose) if guessed else KNOWN)
-        found = self._align(query, predicted, window, sigma)
+        found, sigma = self._align(query, predicted, window, prior), prior
         if found.inliers < GOOD_INLIERS:
             for k, motion in enumerate((scan.motion, *scan.alternatives)):
                 wide = self._align(query, compose(pose, motion), WIDE_WINDOW, WIDE_SIGMA)
@@ -92,7 +94,7 @@ class Tracker:
                 if found.inliers >= GOOD_INLIERS:
                     break
         if found.inliers < self.settings.min_inliers:
-            return Match(predicted, False, _information(np.zeros((3, 3)), sigma))
+            return Match(predicted, False, _information(np.zeros((3, 3)), prior))
         floor = FLOOR if found.inliers >= GOOD_INLIERS else DOUBTFUL_FLOOR
         slip = found.slip if guessed and found.inliers >= GOOD_INLIERS else None
         return Match(found.pose, True, _information(found.information, sigma, floor), slip)
@@ -114,7 +116,8 @@ class Tracker:
             reach, sigma_m = min(0.1 + 0.2 * moved, GUESS_M), STILL_SIGMA[0] + share * moved
         turn, sigma_rad = GUESS_RAD, GUESS_SIGMA[1]
         if scan.measured or scan.turn_measured:
-            turn, sigma_rad = min(0.05 + 0.2 * turned, GUESS_RAD), STILL_SIGMA[1] + share * turned
+            swerve = 0.0 if scan.turn_measured else SWERVE * moved
+            turn, sigma_rad = min(0.05 + 0.2 * turned + 2 * swerve, GUESS_RAD), STILL_SIGMA[1] + share * turned + swerve
         return (reach, turn, TURN_STEP), (sigma_m, sigma_rad)
 
     def add(self, keyframes: list[Keyframe], poses: NDArray[np.float64]) -> None:
