@@ -170,6 +170,29 @@ def doctor(endpoint: Endpoint = None) -> None:
 
 
 @app.command()
+def why(
+    a: Annotated[str, typer.Argument(help="A robot.")],
+    b: Annotated[str, typer.Argument(help="Another one.")],
+    picture: Annotated[Path | None, typer.Option(help="PNG of one map on the other, green where they agree.")] = None,
+    endpoint: Endpoint = None,
+    as_json: AsJson = False,
+) -> None:
+    """Tell why the maps of two robots of a running cluster are merged, or are not."""
+    from services.command import why as view
+    from services.command.finding import find
+
+    async def explain() -> None:
+        async with await find(endpoint).open() as bus:
+            verdict, owner = await view.verdict_on(bus, a, b)
+            world = await view.world(bus)
+            shown = await view.draw(bus, verdict, world, picture) if picture is not None else ""
+        said = [*view.as_lines(verdict, owner, world), *([f"picture    {picture}: {shown}"] if picture else [])]
+        _tell(view.as_data(verdict, owner, world) if as_json else said)
+
+    _await(explain())
+
+
+@app.command()
 def merge(
     maps: Annotated[list[Path], typer.Argument(help="yaml files of saved maps.")],
     out: Annotated[Path, typer.Option(help="Folder for the merged map.")],

@@ -87,12 +87,17 @@ class PairTable:
         first, second = self.known[a].map, self.known[b].map
         self.checks += 1
         self.sizes[a, b] = (first.known_cells, second.known_cells)
-        return match(first, second, settings=self.settings, seed=zlib.crc32(f"{a}/{b}".encode()))
+        return match(first, second, settings=self.settings, seed=seed_of(a, b))
 
     def _has_grown(self, a: str, b: str) -> bool:
         before = self.sizes.get((a, b), (0, 0))
         now = (self.known[a].map.known_cells, self.known[b].map.known_cells)
         return any(new > (1 + GROWTH) * old for new, old in zip(now, before, strict=True))
+
+
+def seed_of(a: str, b: str) -> int:
+    """What the pair's random choices are drawn from, wherever it is decided."""
+    return zlib.crc32(f"{a}/{b}".encode())
 
 
 def verdict(found: Match, a: str, b: str, versions: tuple[int, int], final: bool) -> PairVerdict:

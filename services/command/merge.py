@@ -69,8 +69,10 @@ class Merged:
         """(n, n) overlapping degrees w, 0 to 0.5, by sorted names; 0 between components."""
         names = sorted(self.pieces)
         maps, poses = [self.pieces[name].map for name in names], [self.image_pose(name) for name in names]
-        part = [next(each.id for each in self.components if name in each.robots) for name in names]
-        return Footprints.of(maps, poses).weights() * np.array([[one == other for other in part] for one in part])
+        part = np.array([next(each.id for each in self.components if name in each.robots) for name in names])
+        weights = Footprints.of(maps, poses).weights()
+        weights[part[:, None] != part[None, :]] = 0.0
+        return weights
 
 
 def merge(paths: Sequence[Path]) -> Merged:

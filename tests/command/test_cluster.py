@@ -95,6 +95,18 @@ def test_doctor_finds_a_sound_cluster_sound(kept: Kept) -> None:
     assert "clocks: 6 compared" in text
 
 
+def test_why_tells_and_shows_what_holds_two_robots_together(kept: Kept, tmp_path: Path) -> None:
+    text = kept.command("why", "r2", "r1", "--picture", tmp_path / "pair.png")
+    assert "r1 - r2: merged (final, decided by " in text
+    assert "they lie in one component" in text
+    assert "the decided placement" in text
+    assert (tmp_path / "pair.png").stat().st_size > 1000
+    data = json.loads(kept.command("why", "r1", "r2", "--json"))
+    assert (data["kind"], data["one_component"]) == ("merged", True)
+    missing = call("why", "r1", "r9", cwd=kept.folder)
+    assert (missing.returncode, "compared so far: r1, r2" in missing.stderr) == (2, True)
+
+
 def test_the_map_can_be_saved_from_outside(kept: Kept, tmp_path: Path) -> None:
     assert "(final, 1 component(s))" in kept.command("map", "save", tmp_path, "--name", "flat")
     again, first = read_map(tmp_path / "flat.yaml"), read_map(kept.run / "global_map.yaml")

@@ -34,7 +34,7 @@ def test_a_misspelt_environment_variable_is_exit_code_2_and_named(tmp_path: Path
     assert "RECSLAM_TOPLOGY" in done.stderr
 
 
-@pytest.mark.parametrize("command", [["status"], ["doctor"], ["map", "save", "out"]])
+@pytest.mark.parametrize("command", [["status"], ["doctor"], ["map", "save", "out"], ["why", "r1", "r2"]])
 def test_without_a_router_a_command_ends_soon_with_exit_code_2_and_names_the_endpoint(
     command: list[str], tmp_path: Path
 ) -> None:
