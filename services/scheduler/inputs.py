@@ -6,6 +6,7 @@ over recent reports keep single slow ones out.
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
 from statistics import median
@@ -31,6 +32,8 @@ RECENT = 5
 """reports whose median counts: an edge that turns slow is seen after three"""
 FRAME_HZ = 10.0
 FRAME_BYTES = 1000.0
+SHOWN = 256
+"""links in the status; all of them in a big fleet would be a message of their own"""
 ALIKE = 1.25
 """edges whose speeds differ from what is expected of them by less than this factor are taken to be as expected"""
 SCAN_S = 0.005
@@ -143,7 +146,7 @@ class Inputs:
                     "start": profile.start if profile is not None else None,
                     "range_max": profile.range_max if profile is not None else 0.0,
                     "frame_bytes": size * frames,
-                    "bandwidth": [self._links.transfer(robot, edge, max(size, size * frames)) for edge in edges],
+                    "bandwidth": self._links.transfers(robot, edges, max(size, size * frames)),
                     "slam_s": scan_s * frames,
                     "pack_s": status.pack_s if status is not None else 0.0,
                     "move_s": scan_s * status.sent if status is not None else 0.0,
@@ -175,7 +178,7 @@ class Inputs:
         return {
             **{f"speed {edge}": self.speed(edge) for edge in edges},
             **{f"uplink {edge} bytes/s": self._links.uplink(edge) for edge in edges},
-            **dict(self._links.figures()),
+            **dict(itertools.islice(self._links.figures(), SHOWN)),
             **dict(zip(("fusion s/map", "fusion s/pair", "fusion s/m2"), self.fusion(), strict=True)),
             "fusions seen": float(len(self._fusions)),
         }

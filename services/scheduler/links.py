@@ -7,7 +7,7 @@ by the hope that the next one is as quick as its data sheet says.
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from statistics import median
 
 from common.wire import LinkStatus
@@ -48,15 +48,21 @@ class Links:
             edge = link.peer.removeprefix("edge/")
             self._uplinks[edge] = link.bytes_per_s
 
-    def transfer(self, robot: str, edge: str, size: float) -> float:
-        """Bytes/s at which `size` bytes of a round come from the robot to the edge, the delay of a frame included."""
+    def transfers(self, robot: str, edges: Sequence[str], size: float) -> list[float]:
+        """Bytes/s at which `size` bytes of a round come from the robot to each edge, the delay of a frame included."""
         speeds, delays = self._speeds.get(robot, {}), self._delays.get(robot, {})
-        speed = speeds.get(edge) or (median(speeds.values()) if speeds else LINK)
-        usual = median(map(median, delays.values())) if delays else 0.0
-        delay = median(delays.get(edge, [usual]))
-        if abs(delay - usual) < ALIKE_S:
-            delay = usual
-        return size / (delay + size / speed)
+        speed = median(speeds.values()) if speeds else LINK
+        delay = median(map(median, delays.values())) if delays else 0.0
+        usual = size / (delay + size / speed)
+        known = {
+            edge: size / (self._delay(delays.get(edge), delay) + size / speeds.get(edge, speed))
+            for edge in speeds.keys() | delays.keys()
+        }
+        return [known.get(edge, usual) for edge in edges]
+
+    def _delay(self, seen: Iterable[float] | None, usual: float) -> float:
+        own = median(seen) if seen is not None else usual
+        return own if abs(own - usual) >= ALIKE_S else usual
 
     def uplink(self, edge: str) -> float:
         """Bytes/s from the edge to the cloud."""
