@@ -142,7 +142,7 @@ class Inputs:
             rows.append(
                 {
                     "name": robot,
-                    "reach": reach[robot],
+                    "reach": reach[robot] if len(reach[robot]) < len(edges) else None,
                     "start": profile.start if profile is not None else None,
                     "range_max": profile.range_max if profile is not None else 0.0,
                     "frame_bytes": size * frames,

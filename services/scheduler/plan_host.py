@@ -12,12 +12,21 @@ from common.grid.tiles import decode_occupancy
 from common.wire import OverlapMatrix, Transforms, decode, encode
 from services.scheduler.costs import FusionModel, Problem, predict
 from services.scheduler.graph import cut, quantise
-from services.scheduler.overlap import Footprint, cells_of_raster, cells_of_route, lattice_cells, overlap_matrix
+from services.scheduler.overlap import (
+    Footprint,
+    Overlap,
+    cells_of_raster,
+    cells_of_route,
+    lattice_cells,
+    overlap_matrix,
+)
 from services.scheduler.policies import SLACK, plan
 from services.scheduler.regrouping import relabelled
 
 MAP_BYTES_PER_M2 = 380.0
 """of compressed tiles, measured on a robot map of the apartment (329 scans, 76 m2 known)"""
+MATRIX_ROBOTS = 512
+"""with more robots the overlap matrix is not shown: it would hold up everything else (and 1024 fill a message)"""
 SENSOR_M = 8.0
 """reach of a laser whose profile does not say"""
 
@@ -86,13 +95,7 @@ class PlanHost:
             "alternative": made.alternative,
             "reason": ("kept: nothing better by enough; " if keep else "") + made.reason,
             "seconds": made.seconds,
-            "overlap": encode(
-                OverlapMatrix(
-                    robots=overlap.robots,
-                    weights=np.ascontiguousarray(overlap.weights, dtype=np.float64).ravel(),
-                    source=overlap.sources(),
-                )
-            ),
+            "overlap": encode(_shown(overlap)) if len(robots) <= MATRIX_ROBOTS else None,
         }
 
     def _is_good_enough(
@@ -132,6 +135,11 @@ class PlanHost:
             reach = robot["range_max"] or SENSOR_M
             return Footprint(name, "starts", cells_of_route([robot["start"][:2]], min(reach, SENSOR_M)), "start")
         return Footprint(name, f"unknown {name}", np.empty(0, dtype=np.int64), "unknown")
+
+
+def _shown(overlap: Overlap) -> OverlapMatrix:
+    weights = np.ascontiguousarray(overlap.weights, dtype=np.float64).ravel()
+    return OverlapMatrix(robots=overlap.robots, weights=weights, source=overlap.sources())
 
 
 def make_problem(

@@ -162,7 +162,7 @@ class Scheduler:
             return
         self._plans += 1
         self._stages["plan"] = made["seconds"]
-        overlap = decode(made["overlap"])
+        overlap = decode(made["overlap"]) if made["overlap"] is not None else None
         if isinstance(overlap, OverlapMatrix):
             await self._bus.latch(keys.SCHEDULER_OVERLAP, overlap)
         self._feed(scheduling.Planned(step.epoch, made["slam"], made["fuse"], self._clock()))
