@@ -168,9 +168,11 @@ class Scheduler:
         self._feed(scheduling.Planned(step.epoch, made["slam"], made["fuse"], self._clock()))
         await self._bus.latch(keys.SCHEDULER_PLAN, self._message(made))
 
-    async def _asked(self, key: str, params: Mapping[str, str]) -> Plan:
+    async def _asked(self, key: str, params: Mapping[str, str]) -> Plan | None:
         """What would be planned if edges were down, slower or faster; nothing is changed by the question."""
-        what_if, alive = WhatIf.parse(params.get("what_if", "")), self.state.alive_edges()
+        if "what_if" not in params:
+            return None  # the plan itself is latched; there is none yet
+        what_if, alive = WhatIf.parse(params["what_if"]), self.state.alive_edges()
         what_if.check(alive)
         edges = [edge for edge in alive if edge not in what_if.down]
         known = [robot for robot in sorted(self.state.routes) if self.state.reachable(robot, edges)]
