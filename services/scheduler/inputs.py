@@ -138,7 +138,7 @@ class Inputs:
             ended = status is not None and status.ended
             frames = 0.0 if ended else self.frame_hz(robot) * self._fleet.edge.map_every_s
             scan_s = self.scan_s(robot, route.slam_edge)
-            size = status.bytes_sent / status.sent if status is not None and status.sent else FRAME_BYTES
+            size = status.bytes_sent / status.sent if status is not None and status.bytes_sent else FRAME_BYTES
             rows.append(
                 {
                     "name": robot,
