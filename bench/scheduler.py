@@ -1,21 +1,25 @@
-"""Scheduling: cuts, run times, and completion times of the policies. Run: python -m bench.scheduler [--quick].
+"""Scheduling: cuts, run times, completion times of the policies, overlaps, and answers while planning.
 
-Times are CPU seconds of this process, compilation apart; ratios are medians over seeds. Writes results/scheduler.json.
+Run: python -m bench.scheduler [--quick] [--part NAME] [--tasks N]. Times are CPU seconds of this process, compilation
+apart; ratios are medians over seeds. Each part is put into results/scheduler.json beside the others.
 """
 
 from __future__ import annotations
 
 import argparse
+import asyncio
 import dataclasses
 import itertools
-import json
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bench.lines import draw_lines
+from bench.overlap_error import overlap_error
+from bench.responsiveness import responsiveness
+from bench.results import RESULTS, append, show
 from bench.scheduler_graphs import FAMILIES, REGIMES, graph, problem
 from bench.scheduler_peers import kernighan_lin, metis
 from services.scheduler.baselines import greedy_grouping, random_balanced_grouping
@@ -136,8 +140,11 @@ def perturbed(task: Problem, rng: np.random.Generator) -> Problem:
     )
 
 
-def completion(quick: bool) -> list[dict[str, Any]]:
-    """t_c of each policy over that of a long search, as predicted and as it turns out, by how unequal the edges are."""
+def completion(quick: bool, tasks: int = 0) -> list[dict[str, Any]]:
+    """t_c of each policy over that of a long search, as predicted and as it turns out, by how unequal the edges are.
+
+    `tasks` instances a cell (0: one for each family and regime).
+    """
     sizes = [(6, 3), (10, 3), (20, 4), (50, 5)] + ([] if quick else [(50, 8)])
     unequal = [(1, 1), (2, 5), (4, 10), (8, 20)]
     regimes = ["balanced"] if quick else list(REGIMES)
@@ -145,11 +152,15 @@ def completion(quick: bool) -> list[dict[str, Any]]:
     for (robots, edges), (speeds, links) in itertools.product(sizes, unequal):
         guessed: dict[str, list[float]] = {}
         true: dict[str, list[float]] = {}
-        for number, (family, regime) in enumerate(itertools.product(("floor", "floors"), regimes)):
+        kinds = list(itertools.product(("floor", "floors"), regimes))
+        for number in range(tasks or len(kinds)):
+            family, regime = kinds[number % len(kinds)]
             task = problem(family, robots, edges, number, speeds=speeds, links=links, regime=regime)
             world = perturbed(task, np.random.default_rng(number))
             plans = {name: planned(task, name, SEARCH_S) for name in POLICIES}
-            best = min(planned(task, "recslam", LONG_S / 2, seed).prediction.total for seed in (1, 2))
+            best = min(
+                planned(task, "recslam", LONG_S / 2, seed).prediction.total for seed in ((1,) if tasks else (1, 2))
+            )
             best = min([best, *(each.prediction.total for each in plans.values())])
             ours = predict(world, plans["recslam"].slam, plans["recslam"].fuse).total
             for name, each in plans.items():
@@ -163,6 +174,7 @@ def completion(quick: bool) -> list[dict[str, Any]]:
                     "speeds": speeds,
                     "links": links,
                     "policy": name,
+                    "tasks": len(guessed[name]),
                     "predicted_over_best": float(np.median(guessed[name])),
                     "true_over_recslam": float(np.median(true[name])),
                 }
@@ -186,7 +198,34 @@ def latency(quick: bool) -> list[dict[str, Any]]:
     return rows
 
 
-PARTS = {"latency": latency, "growth": growth, "cuts": cuts, "completion": completion}
+def overlaps(quick: bool) -> list[dict[str, Any]]:
+    """Overlap degrees out of robot maps against true footprints, in the apartment."""
+    rows = []
+    for lidar, seconds in (
+        (("rplidar_a1", 30.0),) if quick else itertools.product(("lds01", "rplidar_a1"), (20.0, 60.0))
+    ):
+        rows.append(overlap_error(6, seconds, lidar))
+        show(rows[-1:])
+    return rows
+
+
+def answers(quick: bool) -> list[dict[str, Any]]:
+    """Wall time of status queries while plans are made in the worker, with a real router and bus."""
+    rows = []
+    for robots, edges, policy in ((50, 5, "paper"), (1000, 40, "paper"), (1000, 40, "recslam")):
+        rows.append(asyncio.run(responsiveness(robots, edges, policy)))
+        show(rows[-1:])
+    return rows
+
+
+PARTS: dict[str, Callable[..., list[dict[str, Any]]]] = {
+    "latency": latency,
+    "growth": growth,
+    "cuts": cuts,
+    "overlaps": overlaps,
+    "responsiveness": answers,
+    "completion": completion,
+}
 
 
 def warm_up() -> None:
@@ -198,29 +237,28 @@ def warm_up() -> None:
         planned(problem("floor", 8, 3, 99, speeds=2, links=2), name, 0.2)
 
 
-def show(rows: list[dict[str, Any]]) -> None:
-    for row in rows:
-        print(
-            "  ".join(
-                f"{key} {value:.3f}" if isinstance(value, float) else f"{value!s:>6}" for key, value in row.items()
-            )
-        )
+def plot_growth(rows: list[dict[str, Any]]) -> None:
+    """results/scheduler-growth.png: CPU time over robots, both logarithmic."""
+    lines = {
+        what: [(row["robots"], max(row[f"{what} ms"], 1e-3)) for row in rows] for what in ("algorithm 1", "algorithm 2")
+    }
+    draw_lines(lines, "robots", "CPU ms", RESULTS / "scheduler-growth.png")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer sizes and seeds: about two minutes")
     parser.add_argument("--part", choices=PARTS, action="append", help="only this; may be given again")
+    parser.add_argument("--tasks", type=int, default=0, help="instances in each cell of the completion table")
     options = parser.parse_args()
     warm_up()
-    results: dict[str, Any] = {"quick": options.quick, "kappa": KAPPA, "tau": TAU}
     for name in options.part or PARTS:
         print(f"\n{name}: {PARTS[name].__doc__}")
-        results[name] = PARTS[name](options.quick)
-    out = Path("results") / "scheduler.json"
-    out.parent.mkdir(exist_ok=True)
-    out.write_text(json.dumps(results, indent=1))
-    print(f"\nwritten to {out}")
+        extra = {"tasks": options.tasks} if name == "completion" else {}
+        rows = PARTS[name](options.quick, **extra)
+        if name == "growth":
+            plot_growth(rows)
+        print(f"written to {append('scheduler', {name: rows, 'kappa': KAPPA, 'tau': TAU})}")
 
 
 if __name__ == "__main__":
