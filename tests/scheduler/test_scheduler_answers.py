@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 
 import pytest
-from conftest import OpenBus
 
 from bench.synthetic_cluster import SyntheticCluster
 from common.bus import Bus, keys
@@ -15,6 +14,7 @@ from common.errors import QueryFailed
 from common.wire import Plan, RobotProfile, Routes, SchedulerStatus
 from services.scheduler.service import Scheduler
 
+OpenBus = Callable[..., Awaitable[Bus]]
 EDGES = ("e0", "e1", "e2")
 
 
