@@ -36,6 +36,8 @@ SHOWN = 256
 """links in the status; all of them in a big fleet would be a message of their own"""
 ALIKE = 1.25
 """edges whose speeds differ from what is expected of them by less than this factor are taken to be as expected"""
+ALIKE_SCANS = 1.5
+"""and robots of one sensor whose scans differ by less, as the sensor's median"""
 SCAN_S = 0.005
 """of a scan where none has been timed"""
 
@@ -55,6 +57,8 @@ class Inputs:
         self._cores: dict[str, int] = {}
         self._scans: dict[tuple[str, str], deque[float]] = defaultdict(lambda: deque(maxlen=RECENT))
         self._speeds: dict[str, float] | None = None
+        self._usual: dict[str, float] = {}
+        """sensor → usual seconds of a scan at speed 1; made with `_speeds`"""
         self._links = Links({entry.id: entry.bandwidth_mbps * 1e6 / 8 for entry in fleet.edges})
         self._fusions = FusionTimes(profile.fusion)
 
@@ -110,7 +114,12 @@ class Inputs:
         for (robot, edge), seconds in self._scans.items():
             reference = self._profile.scan_s(self._sensor(robot)) or usual[self._sensor(robot)]
             found[edge].append(reference / median(seconds))
-        return {edge: median(ratios) for edge, ratios in found.items()}
+        speeds = {edge: median(ratios) for edge, ratios in found.items()}
+        alike.clear()
+        for (robot, edge), seconds in self._scans.items():
+            alike[self._sensor(robot)].append(median(seconds) * speeds[edge])
+        self._usual = {sensor: median(seconds) for sensor, seconds in alike.items()}
+        return speeds
 
     def _sensor(self, robot: str) -> str:
         profile = self._profiles.get(robot)
@@ -125,8 +134,10 @@ class Inputs:
 
     def scan_s(self, robot: str, edge: str) -> float:
         """Seconds of a scan at speed 1, by what it takes where it runs."""
-        seen = self._scans.get((robot, edge))
-        return median(seen) * self.speed(edge) if seen else self._profile.scan_s(self._sensor(robot)) or SCAN_S
+        seen, sensor, speed = self._scans.get((robot, edge)), self._sensor(robot), self.speed(edge)
+        usual = self._usual.get(sensor) or self._profile.scan_s(sensor) or SCAN_S
+        own = median(seen) * speed if seen else usual
+        return usual if usual / ALIKE_SCANS < own < usual * ALIKE_SCANS else own
 
     def robot_rows(
         self, robots: Iterable[str], edges: Sequence[str], routes: Mapping[str, Route], reach: Mapping[str, list[str]]

@@ -14,8 +14,8 @@ from common.wire import LinkStatus
 
 RECENT = 5
 """reports whose median counts"""
-ALIKE_S = 0.05
-"""delays of one robot's links that differ by less are taken to be the same"""
+ALIKE_S = 0.1
+"""delays that differ from the fleet's median by less are taken to be as that: on a busy host they all wander"""
 PAGES = 3
 """pages from which on a measured link counts"""
 LINK = 12.5e6
@@ -30,11 +30,13 @@ class Links:
         self._speeds: dict[str, dict[str, float]] = defaultdict(dict)
         self._delays: dict[str, dict[str, deque[float]]] = defaultdict(dict)
         self._uplinks: dict[str, float] = {}
+        self._usual: float | None = None
 
     def frames_delayed(self, robot: str, edge: str, seconds: float) -> None:
         """Frames have taken this long from the robot's hands to the edge's."""
         if seconds > 0:
             self._delays[robot].setdefault(edge, deque(maxlen=RECENT)).append(seconds)
+            self._usual = None
 
     def measured(self, edge: str, link: LinkStatus) -> None:
         """What an edge says of the way from a robot."""
@@ -52,7 +54,7 @@ class Links:
         """Bytes/s at which `size` bytes of a round come from the robot to each edge, the delay of a frame included."""
         speeds, delays = self._speeds.get(robot, {}), self._delays.get(robot, {})
         speed = median(speeds.values()) if speeds else LINK
-        delay = median(map(median, delays.values())) if delays else 0.0
+        delay = self._like_others(median(map(median, delays.values()))) if delays else 0.0
         usual = size / (delay + size / speed)
         known = {
             edge: size / (self._delay(delays.get(edge), delay) + size / speeds.get(edge, speed))
@@ -61,8 +63,12 @@ class Links:
         return [known.get(edge, usual) for edge in edges]
 
     def _delay(self, seen: Iterable[float] | None, usual: float) -> float:
-        own = median(seen) if seen is not None else usual
-        return own if abs(own - usual) >= ALIKE_S else usual
+        return self._like_others(median(seen)) if seen is not None else usual
+
+    def _like_others(self, delay: float) -> float:
+        if self._usual is None:
+            self._usual = median(median(seen) for delays in self._delays.values() for seen in delays.values())
+        return delay if abs(delay - self._usual) >= ALIKE_S else self._usual
 
     def uplink(self, edge: str) -> float:
         """Bytes/s from the edge to the cloud."""
