@@ -9,8 +9,8 @@ from statistics import median
 from common.wire import LinkStatus
 
 RECENT = 32
-SPREAD_BYTES = 4096
-"""pages that differ by less say nothing about speed when compared"""
+SPREAD_BYTES = 32_768
+"""pages that differ by less say nothing about speed when compared: what they waited for says more"""
 ENOUGH_PAIRS = 8
 
 
@@ -34,10 +34,7 @@ class LinkMeter:
 
 
 def line(pages: list[tuple[int, float]]) -> tuple[float, float]:
-    """(bytes/s, delay s) through (bytes, s) pages.
-
-    Where sizes are too much alike to tell the two apart, the link is as fast as its fastest page was, at least.
-    """
+    """(bytes/s, delay s) through (bytes, s) pages; speed 0: not to be told, as sizes are too much alike."""
     slopes = [
         (late - soon) / (large - small)
         for (small, soon), (large, late) in itertools.combinations(sorted(pages), 2)
@@ -45,5 +42,5 @@ def line(pages: list[tuple[int, float]]) -> tuple[float, float]:
     ]
     slope = median(slopes) if len(slopes) >= ENOUGH_PAIRS else 0.0
     if slope <= 0:
-        slope = min(seconds / size for size, seconds in pages)
+        return 0.0, median(seconds for _, seconds in pages)
     return 1 / slope, max(0.0, median(seconds - size * slope for size, seconds in pages))

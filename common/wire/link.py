@@ -15,6 +15,7 @@ class LinkStatus(Part):
     peer: Annotated[str, Field(max_length=128)]
     """sender, as `robot/r1` or `edge/e1`"""
     bytes_per_s: float
+    """0: not to be told yet, as the pages were too much alike"""
     delay_s: float
     """what an empty page would take"""
     pages: int
