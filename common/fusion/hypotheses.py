@@ -28,6 +28,8 @@ NUDGES_M = (-0.6, -0.3, 0.3, 0.6)
 SLIDES_M = (-3.0, -2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 3.0)
 CONFLICT_PRICE = 6.0
 """metres of agreeing wall that a metre of contradiction outweighs"""
+ROUGH_AGREEING_M = 4.0
+"""metres of agreeing wall from which on a proposal is worth refining to the end"""
 BENT_TRIALS = 3
 """hypotheses that are weighed as bent when no rigid one convinces"""
 BENT_PROMISE_M, BENT_PRICE = 15.0, 2.0
@@ -75,7 +77,7 @@ def search(
     rough = np.array([refine(a, quick, pose, settings.reach_m, QUICK_STEPS).pose for pose in np.concatenate(proposals)])
     rough = rough.reshape(-1, 3)
     middle = b.walls.points.mean(axis=0)
-    sifted = rough[_sifted(a, quick, rough, settings)]
+    sifted = rough[_sifted(a, b, quick, rough, settings)]
     first = sifted[distinct(sifted, middle)[: settings.refined]]
     hypotheses = [judge(a, b, pose, settings) for pose in first]
     if hypotheses:
@@ -125,8 +127,10 @@ def straighten_best(
     return sorted(weighed, key=lambda one: -one.score)
 
 
-def _sifted(a: MatchMap, quick: Walls, poses: NDArray[np.float64], settings: FusionSettings) -> NDArray[np.int64]:
-    """Indices of rough hypotheses in turn by two scores of a few of b's walls.
+def _sifted(
+    a: MatchMap, b: MatchMap, quick: Walls, poses: NDArray[np.float64], settings: FusionSettings
+) -> NDArray[np.int64]:
+    """Indices of rough hypotheses that agree at all, in turn by two scores of a few of b's walls.
 
     The full price finds a small overlap among much that agrees by chance, the low one a large overlap of bent maps.
     """
@@ -135,7 +139,9 @@ def _sifted(a: MatchMap, quick: Walls, poses: NDArray[np.float64], settings: Fus
     for price in (CONFLICT_PRICE, ROUGH_PRICE):
         order = np.argsort(price * counts[:, CONTRADICTS] - counts[:, AGREES], kind="stable")
         ranks.append(np.argsort(order, kind="stable"))
-    return np.argsort(np.minimum(*ranks), kind="stable")
+    order = np.argsort(np.minimum(*ranks), kind="stable")
+    agreeing_m = counts[:, AGREES] * (b.wall_m / len(quick.points))
+    return np.asarray(order[agreeing_m[order] >= ROUGH_AGREEING_M])
 
 
 def distinct(poses: NDArray[np.float64], middle: NDArray[np.float64]) -> list[int]:

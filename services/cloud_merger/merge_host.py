@@ -13,7 +13,7 @@ import numpy as np
 from common.errors import UsageError
 from common.fusion.layout import bounds, lay_out
 from common.fusion.matchmap import MatchMap
-from common.fusion.pairs import PairTable, component, measurements
+from common.fusion.pairs import PairTable, component, measurements, places
 from common.fusion.settings import FusionSettings
 from common.fusion.solve import Solved, solve
 from common.geometry.se2 import compose
@@ -83,14 +83,15 @@ class MergeHost:
         pairs decided here."""
         begin = time.perf_counter()
         known = [robot for robot in robots if robot in self._pairs.known]
-        self._pairs.decide((a, b) for a, b in pairs)
+        before = decode(previous) if previous is not None else None
+        old = before if isinstance(before, Transforms) else None
+        self._pairs.decide(((a, b) for a, b in pairs), places(old))
         own = [self._pairs.verdicts[a, b] for a, b in pairs if (a, b) in self._pairs.verdicts]
         theirs = decode(verdicts)
         every: list[PairVerdict] = [*own, *(theirs.pairs if isinstance(theirs, Verdicts) else ())]
-        before = decode(previous) if previous is not None else None
-        old = before if isinstance(before, Transforms) else None
+        measured = measurements(every) | self._pairs.told_by_starts(every, starts)
         anchors = {} if final or old is None else {name: each.transform.pose() for name, each in old.robots.items()}
-        solved = solve(known, measurements(every), starts=starts, anchors=anchors)
+        solved = solve(known, measured, starts=starts, anchors=anchors)
         transforms = self._world(solved, final, old, above)
         return {
             "transforms": encode(transforms),

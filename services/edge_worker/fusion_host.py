@@ -13,7 +13,7 @@ from typing import Any
 from common.errors import UsageError
 from common.fusion.layout import bounds, lay_out
 from common.fusion.matchmap import MatchMap
-from common.fusion.pairs import PairTable, all_pairs, component, measurements
+from common.fusion.pairs import PairTable, all_pairs, component, measurements, places
 from common.fusion.settings import FusionSettings
 from common.fusion.solve import Solved, solve
 from common.geometry.se2 import compose
@@ -77,10 +77,12 @@ class FusionHost:
         """Fuse the maps of `robots`; gives encoded Verdicts, the components, and what exactly is in the edge map."""
         begin = time.perf_counter()
         held = [robot for robot in robots if robot in self._maps]
-        self._pairs.decide(all_pairs(held))
+        transforms = decode(world) if world is not None else None
+        told = transforms if isinstance(transforms, Transforms) else None
+        self._pairs.decide(all_pairs(held), places(told))
         verdicts = [self._pairs.verdicts[pair] for pair in all_pairs(held)]
         solved = solve(held, measurements(verdicts))
-        placed, epoch, resolution = self._placed(held, solved, world)
+        placed, epoch, resolution = self._placed(held, solved, told)
         if self._product is None or self._product.resolution != resolution:
             self._product = Grid(resolution, version=first_version(secrets.randbits(32)))
         compose_into(self._product, [self._render(robot, pose, resolution) for robot, pose in sorted(placed.items())])
@@ -109,13 +111,12 @@ class FusionHost:
         }
 
     def _placed(
-        self, held: list[str], solved: list[Solved], world: bytes | None
+        self, held: list[str], solved: list[Solved], world: Transforms | None
     ) -> tuple[dict[str, FixedPose], int, float]:
         """Where each map is to be rendered, the world epoch (0: on the edge's own lattice), and the resolution."""
-        transforms = decode(world) if world is not None else None
-        if isinstance(transforms, Transforms):
-            placed = {name: each.transform for name, each in transforms.robots.items() if name in held}
-            return placed, transforms.world_epoch, transforms.resolution
+        if world is not None:
+            placed = {name: each.transform for name, each in world.robots.items() if name in held}
+            return placed, world.world_epoch, world.resolution
         boxes = {
             each.id: bounds((self._pairs.known[name].map, each.transforms[name]) for name in each.robots)
             for each in solved

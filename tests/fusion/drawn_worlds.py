@@ -54,6 +54,15 @@ def apartment(seed: int, width_m: float = 16.0, height_m: float = 12.0) -> Count
     return counts
 
 
+def symmetric_hall() -> Counts:
+    """A building that looks the same when turned by half."""
+    counts = blank(14, 10)
+    for ends in ((3, 0, 3, 4), (3, 4, 6, 4), (9, 0, 9, 2), (0, 7, 2, 7)):
+        wall(counts, *ends)
+        wall(counts, 13.95 - ends[0], 9.95 - ends[1], 13.95 - ends[2], 9.95 - ends[3])
+    return counts
+
+
 def mapped(counts: Counts, frame: ArrayLike, window_m: tuple[float, float] | None = None, seed: int = 0) -> MatchMap:
     """What a robot whose map frame has the pose `frame` in the world maps of it: between two x, with ragged walls."""
     rng = np.random.default_rng(seed)

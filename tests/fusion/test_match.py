@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from drawn_worlds import RESOLUTION, apartment, blank, mapped, wall
+from drawn_worlds import RESOLUTION, apartment, blank, mapped, symmetric_hall, wall
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -47,15 +47,6 @@ def test_different_buildings_are_never_merged(seed: int) -> None:
     result = match(a, b)
     assert result.kind != "merged"
     assert result.transform is None
-
-
-def symmetric_hall() -> np.ndarray:
-    """A building that looks the same when turned by half."""
-    counts = blank(14, 10)
-    for ends in ((3, 0, 3, 4), (3, 4, 6, 4), (9, 0, 9, 2), (0, 7, 2, 7)):
-        wall(counts, *ends)
-        wall(counts, 13.95 - ends[0], 9.95 - ends[1], 13.95 - ends[2], 9.95 - ends[3])
-    return counts
 
 
 def test_a_symmetric_building_is_ambiguous() -> None:

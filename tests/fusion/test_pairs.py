@@ -6,11 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from drawn_worlds import apartment, mapped, symmetric_hall
 
 from common.fusion import pairs
 from common.fusion.match import Match
 from common.fusion.matchmap import MatchMap
-from common.fusion.pairs import PairTable, all_pairs, complete, measurements
+from common.fusion.pairs import PairTable, Place, all_pairs, complete, measurements
+from common.geometry import between
 
 
 def square(size: int) -> MatchMap:
@@ -119,3 +121,69 @@ def test_only_merged_pairs_measure_anything(looks: list[str]) -> None:
 
 def test_pairs_come_in_sorted_order() -> None:
     assert all_pairs(["c", "a", "b"]) == [("a", "b"), ("a", "c"), ("b", "c")]
+
+
+def strip(robots: int) -> tuple[dict[str, MatchMap], dict[str, Place]]:
+    """Maps of robots one after the other along a building, and where they lie in one component."""
+    world, names = apartment(3, width_m=6.0 * robots + 5.0), [f"r{k}" for k in range(robots)]
+    maps = {name: mapped(world, frame_of(k), (6.0 * k, 6.0 * k + 11.0), seed=k) for k, name in enumerate(names)}
+    return maps, {name: Place("r0", frame_of(k)) for k, name in enumerate(names)}
+
+
+def frame_of(k: int) -> np.ndarray:
+    return np.array([5.0 * k, 1.0, 0.5 * k])
+
+
+def filled(maps: dict[str, MatchMap], final: bool = False) -> PairTable:
+    made = PairTable()
+    for name, map_ in maps.items():
+        made.put(name, map_, 1, final)
+    return made
+
+
+def test_where_other_pairs_tell_how_maps_lie_nothing_is_searched() -> None:
+    maps, placed = strip(5)
+    made = filled(maps)
+    made.decide(all_pairs(maps), placed)
+    assert made.checks == 0
+    kinds = {pair: verdict.kind for pair, verdict in made.verdicts.items()}
+    assert [kinds[f"r{k}", f"r{k + 1}"] for k in range(4)] == ["merged"] * 4
+    assert kinds["r0", "r3"] == "no_overlap"
+    assert "other pairs" in made.verdicts["r0", "r3"].reason
+
+
+def test_a_wrong_place_is_not_believed_but_searched_for() -> None:
+    maps, placed = strip(2)
+    made = filled(maps)
+    made.decide(all_pairs(maps), placed | {"r1": Place("r0", (2.0, 7.0, 1.5))})
+    assert made.checks == 1
+    found = made.verdicts["r0", "r1"]
+    assert found.kind == "merged"
+    assert found.transform == pytest.approx(between(frame_of(0), frame_of(1)), abs=0.05)
+
+
+def test_places_of_different_components_tell_nothing() -> None:
+    maps, placed = strip(2)
+    made = filled(maps)
+    made.decide(all_pairs(maps), placed | {"r1": Place("r1", placed["r1"].pose)})
+    assert made.checks == 1
+
+
+def test_places_have_no_say_on_final_maps() -> None:
+    maps, placed = strip(2)
+    with_places, without = filled(maps, final=True), filled(maps, final=True)
+    with_places.decide(all_pairs(maps), placed | {"r1": Place("r0", (2.0, 7.0, 1.5))})
+    without.decide(all_pairs(maps))
+    assert with_places.verdicts == without.verdicts
+    assert with_places.checks == 1
+
+
+def test_start_poses_tell_which_way_a_symmetric_room_is_meant() -> None:
+    frames = {"a": np.array([3.0, 2.0, 0.3]), "b": np.array([9.0, 5.0, 2.0])}
+    made = filled({name: mapped(symmetric_hall(), frame, seed=k) for k, (name, frame) in enumerate(frames.items())})
+    made.decide([("a", "b")])
+    assert made.verdicts["a", "b"].kind == "ambiguous"
+    rough = {name: frame + np.array([0.1, -0.1, 0.03]) * (-1) ** k for k, (name, frame) in enumerate(frames.items())}
+    told = made.told_by_starts(made.verdicts.values(), rough)
+    assert told["a", "b"].transform == pytest.approx(between(frames["a"], frames["b"]), abs=0.02)
+    assert made.told_by_starts(made.verdicts.values(), {"a": frames["a"]}) == {}
