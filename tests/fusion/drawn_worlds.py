@@ -63,18 +63,22 @@ def symmetric_hall() -> Counts:
     return counts
 
 
-def mapped(counts: Counts, frame: ArrayLike, window_m: tuple[float, float] | None = None, seed: int = 0) -> MatchMap:
-    """What a robot whose map frame has the pose `frame` in the world maps of it: between two x, with ragged walls."""
+def seen(counts: Counts, frame: ArrayLike, window_m: tuple[float, float] | None = None, seed: int = 0) -> Grid:
+    """The counts of a robot whose map frame has the pose `frame` in the world: between two x, with ragged walls."""
     rng = np.random.default_rng(seed)
-    seen = counts.copy()
+    known = counts.copy()
     if window_m is not None:
         x0, x1 = (round(x / RESOLUTION) + 10 for x in window_m)
-        seen[:, :, :x0] = 0
-        seen[:, :, x1:] = 0
-    missed = (seen[0] > 0) & (rng.random(seen[0].shape) < 0.1)
-    seen[0][missed] = 0
-    grid = Grid.from_dense(seen, (-10, -10), RESOLUTION)
-    return MatchMap.from_grid(render(grid, inverse(frame), RESOLUTION))
+        known[:, :, :x0] = 0
+        known[:, :, x1:] = 0
+    missed = (known[0] > 0) & (rng.random(known[0].shape) < 0.1)
+    known[0][missed] = 0
+    return render(Grid.from_dense(known, (-10, -10), RESOLUTION), inverse(frame), RESOLUTION)
+
+
+def mapped(counts: Counts, frame: ArrayLike, window_m: tuple[float, float] | None = None, seed: int = 0) -> MatchMap:
+    """`seen`, prepared for matching."""
+    return MatchMap.from_grid(seen(counts, frame, window_m, seed))
 
 
 def moved(pose: ArrayLike, by: ArrayLike) -> NDArray[np.float64]:
