@@ -32,6 +32,8 @@ RECENT = 5
 """reports whose median counts: an edge that turns slow is seen after three"""
 FRAME_HZ = 10.0
 FRAME_BYTES = 1000.0
+NEVER_S = 1e6
+"""price of moving the SLAM of a robot whose stream has ended: there is nothing to gain"""
 SHOWN = 256
 """links in the status; all of them in a big fleet would be a message of their own"""
 ALIKE = 1.25
@@ -68,7 +70,8 @@ class Inputs:
                 self._profiles[message.robot] = message
             case RobotStatus():
                 self._statuses[message.robot] = message
-                self._sent[message.robot].append((now, message.sent))
+                if not message.ended:
+                    self._sent[message.robot].append((now, message.sent))
             case EdgeStatus():
                 self._edge_status(message)
             case MapNotice():
@@ -147,7 +150,7 @@ class Inputs:
         for robot in robots:
             route, profile, status = routes[robot], self._profiles.get(robot), self._statuses.get(robot)
             ended = status is not None and status.ended
-            frames = 0.0 if ended else self.frame_hz(robot) * self._fleet.edge.map_every_s
+            frames = self.frame_hz(robot) * self._fleet.edge.map_every_s
             scan_s = self.scan_s(robot, route.slam_edge)
             size = status.bytes_sent / status.sent if status is not None and status.bytes_sent else FRAME_BYTES
             rows.append(
@@ -157,10 +160,10 @@ class Inputs:
                     "start": profile.start if profile is not None else None,
                     "range_max": profile.range_max if profile is not None else 0.0,
                     "frame_bytes": size * frames,
-                    "bandwidth": self._links.transfers(robot, edges, max(size, size * frames)),
+                    "bandwidth": self._links.transfers(robot, edges, size * frames),
                     "slam_s": scan_s * frames,
                     "pack_s": status.pack_s if status is not None else 0.0,
-                    "move_s": scan_s * status.sent if status is not None else 0.0,
+                    "move_s": NEVER_S if ended else scan_s * status.sent if status is not None else 0.0,
                     "slam": route.slam_edge,
                     "fuse": route.fuse_edge,
                 }

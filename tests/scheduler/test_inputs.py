@@ -21,7 +21,7 @@ from common.wire import (
     RobotStatus,
 )
 from services.scheduler.costs import FusionModel
-from services.scheduler.inputs import ALIKE, FRAME_HZ, Inputs
+from services.scheduler.inputs import ALIKE, FRAME_HZ, NEVER_S, Inputs
 from services.scheduler.profile import Profile, load_profile
 from services.scheduler.regression import FusionTimes
 from services.scheduler.what_if import WhatIf
@@ -156,7 +156,7 @@ def test_a_round_holds_the_frames_that_the_robot_makes_between_two_fusions() -> 
     assert Inputs(fleet("e1"), Profile()).frame_hz("r1") == FRAME_HZ
     inputs.hear(status("r1", 101, ended=True), 21.0)
     (row,) = inputs.robot_rows(("r1",), ("e1",), {"r1": _route("e1")}, {"r1": ["e1"]})
-    assert row["slam_s"] == row["frame_bytes"] == 0, "a robot that sends no more"
+    assert row["move_s"] == NEVER_S, "a robot that sends no more"
 
 
 def test_what_if_an_edge_were_slower_is_a_factor_on_its_speed() -> None:
