@@ -17,7 +17,7 @@ from common.parent import Leash
 from services.command.run_folder import RunFolder
 from services.command.topology import Program
 
-GRACE_S = 8.0
+GRACE_S = 15.0
 """from the polite signal to the hard one"""
 TAIL_LINES = 15
 
