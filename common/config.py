@@ -18,7 +18,7 @@ from common.wire.base import Name, PoseTuple
 from common.wire.codec import explain
 
 ENV_PREFIX = "RECSLAM_"
-ENV_ELSEWHERE = {"RECSLAM_DATA", "RECSLAM_SCORER", "RECSLAM_PARENT_FD", "RECSLAM_ENDPOINT"}
+ENV_ELSEWHERE = {"RECSLAM_DATA", "RECSLAM_SCORER", "RECSLAM_PARENT_FD", "RECSLAM_ENDPOINT", "RECSLAM_HEARTBEAT"}
 """environment names of ours that are no configuration fields"""
 
 

@@ -13,6 +13,7 @@ from common.bus.tiles import TILE_BYTES, fetch_tiles, tile_page
 from common.config import Fleet
 from common.errors import PeerError, QueryFailed, WorkerDied
 from common.grid.versions import count_of
+from common.heartbeat import beat
 from common.link import LinkMeter
 from common.service import Stopped, until_stopped
 from common.telemetry import process_stats
@@ -264,6 +265,7 @@ class CloudMerger:
                 problems=(*self._bus.problems, *self._problems)[-16:],
             )
             await self._bus.latch(keys.CLOUD_STATUS, status)
+            beat()
             await asyncio.sleep(STATUS_S)
 
     def _problem(self, text: str) -> None:

@@ -8,6 +8,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from common.bus import keys
+from common.heartbeat import beat
 from common.telemetry import process_stats
 from common.wire import EdgeStatus, InstanceStatus
 
@@ -30,6 +31,7 @@ class Report:
     async def run(self) -> None:
         while True:
             await self._edge.bus.latch(keys.edge_status(self._edge.edge), self.status())
+            beat()
             await asyncio.sleep(STATUS_S)
 
     def status(self) -> EdgeStatus:

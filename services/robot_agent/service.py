@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Mapping
 from common.bus import Bus, keys
 from common.config import Fleet, RobotEntry
 from common.errors import PeerError, RouterUnreachable, SpoolFull, UsageError
+from common.heartbeat import beat
 from common.telemetry import process_stats
 from common.wire import Ack, EndOfStream, FramePage, Message, RobotProfile, RobotStatus, Routes
 from common.wire.limits import MAX_PAGE_BYTES
@@ -224,6 +225,7 @@ class RobotAgent:
     async def _report(self, bus: Bus) -> None:
         while True:
             await bus.latch(keys.robot_status(self._entry.id), self.status())
+            beat()
             await asyncio.sleep(STATUS_S)
 
     async def _backfill(self, key: str, params: Mapping[str, str]) -> Message:

@@ -12,6 +12,7 @@ from common.bus import Bus, keys
 from common.bus.tiles import fetch_tiles
 from common.config import Fleet
 from common.errors import PeerError, UsageError, WorkerDied
+from common.heartbeat import beat
 from common.service import Stopped, until_stopped
 from common.wire import (
     Claims,
@@ -225,6 +226,7 @@ class Scheduler:
     async def _report(self) -> None:
         while True:
             await self._bus.latch(keys.SCHEDULER_STATUS, self.status())
+            beat()
             await asyncio.sleep(STATUS_S)
 
     def status(self) -> SchedulerStatus:

@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import subprocess
+import time
 import uuid
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -96,6 +97,17 @@ async def test_a_robot_more_is_one_word_on_the_command_line(compose: Compose) ->
     compose("up", "--detach", "--no-build", "--no-recreate", "--scale", "robot=3")
     notice = await final_map(compose.endpoint(), {"r1", "r2", "r3"})
     assert len(notice.components) == 1
+
+
+def test_all_containers_become_healthy(compose: Compose) -> None:
+    deadline = time.monotonic() + 120
+    while True:
+        lines = compose("ps", "--format", "json").splitlines()
+        health = {told["Name"]: told["Health"] for told in map(json.loads, lines)}
+        if len(health) >= 7 and set(health.values()) == {"healthy"}:
+            return
+        assert time.monotonic() < deadline, health
+        time.sleep(2)
 
 
 def test_containers_run_as_nobody_special_and_stop_when_asked(compose: Compose) -> None:
