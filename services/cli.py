@@ -6,28 +6,22 @@ Exit codes: 0 done, 1 a fault of ours (or a service of the cluster died), 2 some
 
 from __future__ import annotations
 
-import asyncio
 import io
-import os
 import sys
-from collections.abc import Callable, Coroutine
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeVar
+from typing import Annotated, Any
 
 import typer
 
-from common.errors import RecslamError, UsageError
-from services.command.plan_commands import plan_commands
-
-T = TypeVar("T")
+from services.command import map_commands, plan_commands, service_commands
+from services.command.options import AsJson, Endpoint
+from services.command.outcome import await_, checked, exit_
 
 app = typer.Typer(help="Several robots, one map.", no_args_is_help=True, add_completion=False, rich_markup_mode=None)
-map_app = typer.Typer(help="The global map of a running cluster.", no_args_is_help=True)
-app.add_typer(map_app, name="map")
-app.add_typer(plan_commands(lambda work: _await(work), lambda work: _checked(work)), name="plan")
-
-FORWARD = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
+app.add_typer(map_commands.app)
+app.add_typer(plan_commands.app, name="plan")
+app.add_typer(service_commands.app)
 
 
 class Topology(StrEnum):
@@ -39,15 +33,10 @@ class Topology(StrEnum):
 
 
 Out = Annotated[Path | None, typer.Option(help="Folder of the run (default: runs/<time>).", show_default=False)]
-Endpoint = Annotated[
-    str | None,
-    typer.Option(help="Router; default: runs/latest/cluster.json, then $RECSLAM_ENDPOINT.", show_default=False),
-]
 TopologyOption = Annotated[Topology | None, typer.Option(help="Instead of the fleet file's.", show_default=False)]
 Policy = Annotated[str | None, typer.Option(help="Scheduling policy instead of the fleet's.", show_default=False)]
 Kernel = Annotated[str | None, typer.Option(help="SLAM kernel instead of the fleet's.", show_default=False)]
 Keep = Annotated[bool, typer.Option("--keep", help="Leave the cluster up after the final map, until Ctrl-C.")]
-AsJson = Annotated[bool, typer.Option("--json", help="For programs.")]
 FleetName = Annotated[str, typer.Argument(metavar="FLEET", help="Fleet file, or the name of one that comes along.")]
 
 
@@ -70,8 +59,8 @@ def up(
     from services.command.cluster import run
     from services.command.fleets import load_fleet
 
-    chosen = _overridden(_checked(lambda: load_fleet(fleet)), topology, policy, kernel)
-    _exit(_await(run(chosen, out, _console(), keep=keep)))
+    chosen = _overridden(checked(lambda: load_fleet(fleet)), topology, policy, kernel)
+    exit_(await_(run(chosen, out, _console(), keep=keep)))
 
 
 @app.command()
@@ -94,8 +83,8 @@ def replay(
             return recorded.from_recording(log, edges)
         return recorded.from_log(log, robots, edges or 1), None
 
-    fleet, truth = _checked(make)
-    _exit(_await(run(_overridden(fleet, topology, policy, kernel), out, _console(), truth=truth, keep=keep)))
+    fleet, truth = checked(make)
+    exit_(await_(run(_overridden(fleet, topology, policy, kernel), out, _console(), truth=truth, keep=keep)))
 
 
 @app.command()
@@ -104,37 +93,16 @@ def record(fleet: FleetName, out: Annotated[Path, typer.Option(help="Folder for 
     from services.command.fleets import load_fleet
     from services.command.replay import record as record_fleet
 
-    chosen = _checked(lambda: load_fleet(fleet))
-    for robot, frames in _checked(lambda: record_fleet(chosen, out)).items():
+    chosen = checked(lambda: load_fleet(fleet))
+    for robot, frames in checked(lambda: record_fleet(chosen, out)).items():
         typer.echo(f"{robot}: {frames} frames")
     typer.echo(f"recorded in {out}; `recslam replay {out}` maps it")
-
-
-@map_app.command("save")
-def map_save(
-    folder: Annotated[Path, typer.Argument(help="Folder for the files.")],
-    name: Annotated[str, typer.Option(help="Name of the map's files.")] = "global_map",
-    endpoint: Endpoint = None,
-) -> None:
-    """Save the global map as it is now: yaml + pgm for Nav2, png, transforms and trajectories."""
-    from services.command.collect import global_map
-    from services.command.finding import find
-    from services.command.results import write_results
-
-    async def save() -> None:
-        async with await find(endpoint).open() as bus:
-            result = await global_map(bus)
-        write_results(result, folder, name)
-        final = "final" if result.notice.final else "not final"
-        typer.echo(f"map {result.notice.version} ({final}, {len(result.notice.components)} component(s)) in {folder}")
-
-    _await(save())
 
 
 @app.command()
 def status(
     endpoint: Endpoint = None,
-    as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show robots, edges, plan and map of a running cluster."""
     import json
@@ -150,7 +118,7 @@ def status(
         else:
             _console().print(view.as_tables(*found))
 
-    _await(show())
+    await_(show())
 
 
 @app.command()
@@ -166,55 +134,7 @@ def doctor(endpoint: Endpoint = None) -> None:
             well &= finding.ok
         return well
 
-    _exit(0 if _await(check()) else 1)
-
-
-@app.command()
-def why(
-    a: Annotated[str, typer.Argument(help="A robot.")],
-    b: Annotated[str, typer.Argument(help="Another one.")],
-    picture: Annotated[Path | None, typer.Option(help="PNG of one map on the other, green where they agree.")] = None,
-    endpoint: Endpoint = None,
-    as_json: AsJson = False,
-) -> None:
-    """Tell why the maps of two robots of a running cluster are merged, or are not."""
-    from services.command import why as view
-    from services.command.finding import find
-
-    async def explain() -> None:
-        async with await find(endpoint).open() as bus:
-            verdict, owner = await view.verdict_on(bus, a, b)
-            world = await view.world(bus)
-            shown = await view.draw(bus, verdict, world, picture) if picture is not None else ""
-        said = [*view.as_lines(verdict, owner, world), *([f"picture    {picture}: {shown}"] if picture else [])]
-        _tell(view.as_data(verdict, owner, world) if as_json else said)
-
-    _await(explain())
-
-
-@app.command()
-def merge(
-    maps: Annotated[list[Path], typer.Argument(help="yaml files of saved maps.")],
-    out: Annotated[Path, typer.Option(help="Folder for the merged map.")],
-    as_json: AsJson = False,
-) -> None:
-    """Merge saved maps of any origin and resolution; maps that share nothing are laid out apart."""
-    from services.command import merge as merging
-
-    merged = _checked(lambda: merging.merge(maps))
-    files = _checked(lambda: merging.write(merged, out))
-    _tell(merging.as_data(merged) if as_json else [*merging.as_lines(merged), f"written: {', '.join(map(str, files))}"])
-
-
-@app.command()
-def overlap(
-    maps: Annotated[list[Path], typer.Argument(help="yaml files of saved maps.")], as_json: AsJson = False
-) -> None:
-    """How much saved maps share: |A and B| / (|A| + |B|) of each pair, 0 to 0.5."""
-    from services.command import merge as merging
-
-    merged = _checked(lambda: merging.merge(maps))
-    _tell(merging.overlap_data(merged) if as_json else merging.overlap_lines(merged))
+    exit_(0 if await_(check()) else 1)
 
 
 @app.command()
@@ -241,71 +161,13 @@ def profile(
             typer.echo(line)
         typer.echo(f"written to {out}")
 
-    _await(show())
-
-
-@app.command(context_settings=FORWARD)
-def robot(context: typer.Context) -> None:
-    """Run one robot's agent (arguments: recslam robot --help; --id replica: named after its compose replica)."""
-    from services.command.replica import replica_name
-
-    _service("robot_agent", [replica_name() if word == "replica" else word for word in context.args])
-
-
-@app.command(context_settings=FORWARD)
-def edge(context: typer.Context) -> None:
-    """Run one edge worker (arguments: recslam edge --help)."""
-    _service("edge_worker", context.args)
-
-
-@app.command(context_settings=FORWARD)
-def cloud(context: typer.Context) -> None:
-    """Run the cloud merger (arguments: recslam cloud --help)."""
-    _service("cloud_merger", context.args)
-
-
-@app.command(context_settings=FORWARD)
-def scheduler(context: typer.Context) -> None:
-    """Run the scheduler (arguments: recslam scheduler --help)."""
-    _service("scheduler", context.args)
-
-
-@app.command()
-def router(
-    listen: Annotated[str, typer.Option(help="Address to listen on.")] = "tcp/127.0.0.1:7447",
-) -> None:
-    """Run a router for services on several hosts or in several containers."""
-    from common.service import run
-    from services.command.router import serve
-
-    _exit(run(lambda stop: serve(stop, listen), "router"))
+    await_(show())
 
 
 def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True)  # who reads it through a pipe reads it in time
     app(prog_name="recslam")
-
-
-def _service(module: str, arguments: list[str]) -> NoReturn:
-    """Become the service: signals and exit code are its own. `--config` may name a fleet that comes along."""
-    from services.command.fleets import find
-
-    config = next((at for at, word in enumerate(arguments[:-1], 1) if word == "--config"), None)
-    if config is not None:
-        name = arguments[config]
-        arguments[config] = str(_checked(lambda: find(name)))
-    sys.stdout.flush()
-    os.execv(sys.executable, [sys.executable, "-m", f"services.{module}", *arguments])
-
-
-def _tell(said: Any) -> None:
-    import json
-
-    if isinstance(said, list):
-        typer.echo("\n".join(said))
-    else:
-        typer.echo(json.dumps(said, indent=2))
 
 
 def _overridden(fleet: Any, topology: Topology | None, policy: str | None, kernel: str | None) -> Any:
@@ -316,35 +178,10 @@ def _overridden(fleet: Any, topology: Topology | None, policy: str | None, kerne
         "scheduler": {"policy": policy} if policy else None,
         "slam": {"kernel": kernel} if kernel else None,
     }
-    return _checked(lambda: revised(fleet, **{name: value for name, value in sections.items() if value is not None}))
+    return checked(lambda: revised(fleet, **{name: value for name, value in sections.items() if value is not None}))
 
 
 def _console() -> Any:
     from rich.console import Console
 
     return Console() if sys.stdout.isatty() else Console(width=160)
-
-
-def _await(work: Coroutine[Any, Any, T]) -> T:
-    return _checked(lambda: asyncio.run(work))
-
-
-def _checked(work: Callable[[], T]) -> T:
-    """The result of `work()`; our own errors become one line and an exit code."""
-    import logging
-
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
-    try:
-        return work()
-    except UsageError as error:
-        print(f"recslam: {error}", file=sys.stderr)
-        _exit(2)
-    except RecslamError as error:
-        print(f"recslam: {error}", file=sys.stderr)
-        _exit(1)
-    except KeyboardInterrupt:
-        _exit(130)
-
-
-def _exit(code: int) -> NoReturn:
-    raise typer.Exit(code)

@@ -3,59 +3,50 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-Await = Callable[[Coroutine[Any, Any, None]], None]
-Checked = Callable[[Callable[[], Any]], Any]
+from services.command.options import AsJson, Endpoint
+from services.command.outcome import await_, checked
 
-Json = Annotated[bool, typer.Option("--json", help="For programs.")]
-Endpoint = Annotated[
-    str | None,
-    typer.Option(help="Router; default: runs/latest/cluster.json, then $RECSLAM_ENDPOINT.", show_default=False),
-]
+app = typer.Typer(
+    help="Group robots offline, explain the plan of a running cluster, or ask it what it would do.",
+    invoke_without_command=True,
+)
 
 
-def plan_commands(await_: Await, checked: Checked) -> typer.Typer:
-    """`await_` runs a coroutine, `checked` a function; both turn our own errors into one line and an exit code."""
-    app = typer.Typer(
-        help="Group robots offline, explain the plan of a running cluster, or ask it what it would do.",
-        invoke_without_command=True,
-    )
+@app.callback()
+def plan(
+    context: typer.Context,
+    matrix: Annotated[Path | None, typer.Option(help="Overlap matrix: npz (array 'weights') or csv.")] = None,
+    routes: Annotated[Path | None, typer.Option(help="Planned routes or start poses: TOML or JSON.")] = None,
+    what_if: Annotated[
+        str | None, typer.Option("--what-if", help="Ask the running cluster: edge-2=down, or edge-1=0.5 (speed).")
+    ] = None,
+    edges: Annotated[int, typer.Option(help="Groups to make out of a file.")] = 2,
+    policy: Annotated[str, typer.Option(help="Scheduling policy for a file.")] = "recslam",
+    budget_ms: Annotated[float, typer.Option(help="Time that the search may take.")] = 500.0,
+    endpoint: Endpoint = None,
+    as_json: AsJson = False,
+) -> None:
+    if context.invoked_subcommand is not None:
+        return
+    from services.command import plan as planning
 
-    @app.callback()
-    def plan(
-        context: typer.Context,
-        matrix: Annotated[Path | None, typer.Option(help="Overlap matrix: npz (array 'weights') or csv.")] = None,
-        routes: Annotated[Path | None, typer.Option(help="Planned routes or start poses: TOML or JSON.")] = None,
-        what_if: Annotated[
-            str | None, typer.Option("--what-if", help="Ask the running cluster: edge-2=down, or edge-1=0.5 (speed).")
-        ] = None,
-        edges: Annotated[int, typer.Option(help="Groups to make out of a file.")] = 2,
-        policy: Annotated[str, typer.Option(help="Scheduling policy for a file.")] = "recslam",
-        budget_ms: Annotated[float, typer.Option(help="Time that the search may take.")] = 500.0,
-        endpoint: Endpoint = None,
-        as_json: Json = False,
-    ) -> None:
-        if context.invoked_subcommand is not None:
-            return
-        from services.command import plan as planning
+    if what_if is not None:
+        await_(_ask(endpoint, what_if, as_json))
+        return
+    found = checked(lambda: planning.offline(matrix, routes, edges, policy, budget_ms))
+    _echo(found, planning.offline_lines(found), as_json)
 
-        if what_if is not None:
-            await_(_ask(endpoint, what_if, as_json))
-            return
-        found = checked(lambda: planning.offline(matrix, routes, edges, policy, budget_ms))
-        _echo(found, planning.offline_lines(found), as_json)
 
-    @app.command()
-    def why(endpoint: Endpoint = None, as_json: Json = False) -> None:
-        """Explain the plan of a running cluster."""
-        await_(_ask(endpoint, None, as_json))
-
-    return app
+@app.command()
+def why(endpoint: Endpoint = None, as_json: AsJson = False) -> None:
+    """Explain the plan of a running cluster."""
+    await_(_ask(endpoint, None, as_json))
 
 
 async def _ask(endpoint: str | None, supposed: str | None, as_json: bool) -> None:
