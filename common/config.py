@@ -204,6 +204,10 @@ class Fleet(BaseSettings):
             raise ConfigError(f"robots: no entry for {robot!r} (there are: {known}) and no default_robot")
         return RobotEntry(id=robot, source=self.default_robot)
 
+    def expected_robots(self) -> tuple[str, ...]:
+        """Robots without which a batch run is not complete."""
+        return tuple(entry.id for entry in self.robots) if self.batch else ()
+
     def edge_ids(self) -> tuple[str, ...]:
         return tuple(entry.id for entry in self.edges)
 

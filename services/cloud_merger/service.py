@@ -48,7 +48,7 @@ class CloudMerger:
 
     def __init__(self, fleet: Fleet, bus: Bus, stop: asyncio.Event) -> None:
         self._fleet, self._bus, self._stop = fleet, bus, stop
-        self.state = CloudState(expected=expected_robots(fleet))
+        self.state = CloudState(expected=fleet.expected_robots())
         self._worker: Worker | None = None
         self._statuses: dict[str, RobotStatus] = {}
         self._starts: dict[str, PoseTuple] = {}
@@ -295,8 +295,3 @@ class CloudMerger:
             return  # the next tick tries again
         self.state = self.state.empty_handed()
         self._feed(merging.Tick())
-
-
-def expected_robots(fleet: Fleet) -> tuple[str, ...]:
-    """Robots without which a batch run is not complete."""
-    return tuple(entry.id for entry in fleet.robots) if fleet.batch else ()
