@@ -60,6 +60,11 @@ PRESETS: dict[str, OdometryNoise] = {
         slips_per_min=8.0, slip=0.5,
         gyro_bias=0.006,
     ),
+    "hostile": OdometryNoise(
+        scale=0.05, turn_scale=0.05, yaw_per_m=0.01, distance_noise=0.05, yaw_noise=0.05, yaw_noise_per_m=0.02,
+        slips_per_min=6.0, slip=0.5,
+        gyro_bias=0.01, gyro_noise=0.01,
+    ),
 }  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from common.geometry import apply, between, compose
 from services.edge_worker.slam.branch_and_bound import COARSE, LEVELS, pyramid, search
+from services.edge_worker.slam.certainty import believed
 from services.edge_worker.slam.correlate import STEP, correlate
 from services.edge_worker.slam.icp import align, nearest
 from services.edge_worker.slam.keyframe import normals, thin
@@ -141,6 +142,26 @@ def test_alignment_along_a_corridor_keeps_to_the_prior_and_knows_that_it_does_no
     found = align(made, walls[near], directions[near], prior, prior, (0.05, 0.05))
     assert found.pose == pytest.approx([0.2, 0.0, 0.0], abs=0.005)
     assert found.information[0, 0] < 1e-3 * found.information[1, 1]
+
+
+def test_scattered_normals_do_not_hold_a_pose_along_a_corridor() -> None:
+    rng = np.random.default_rng(5)
+    x, side = rng.uniform(-5, 5, 400), rng.choice([-1.0, 1.0], 400)
+    astray = rng.normal(0.0, 0.15, 400)
+    across, along = side * np.cos(astray), side * np.sin(astray)
+    rows = np.stack([along, across, across * x - along * side], axis=1) / 0.02
+    claimed = rows.T @ rows
+    kept = believed(claimed, 0.03)
+    assert claimed[0, 0] ** -0.5 < 0.01
+    assert kept[0, 0] < 0.01 * claimed[0, 0]
+    assert kept[1, 1] > 0.9 * claimed[1, 1]
+    assert np.linalg.eigvalsh(kept).min() > -1e-6 * np.trace(kept)
+
+
+def test_a_room_holds_a_pose_all_the_same(surfels: SurfelMap) -> None:
+    points = room(ORIGIN)
+    found = align(surfels, points, facing(points), ORIGIN, ORIGIN, (1.0, 1.0))
+    assert np.linalg.inv(found.information)[:2, :2].diagonal().max() < 0.01**2
 
 
 def test_correlation_finds_the_best_pose_of_its_lattice(surfels: SurfelMap) -> None:

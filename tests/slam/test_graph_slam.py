@@ -156,6 +156,24 @@ def test_nonsense_from_wheels_and_gyro_is_not_believed() -> None:
     assert error(kernel, robot()).rmse < 0.05
 
 
+def test_wheels_that_err_in_distance_are_found_out() -> None:
+    frames = [
+        changed(f, odometry=f.odometry * [1.0, 1.08, 1.08, 1.0] if f.odometry is not None else None)
+        for f in driven(noise="none")
+    ]
+    assert run(frames).reader.reckoning.scale == pytest.approx(1 / 1.08, abs=0.01)
+
+
+def test_no_submap_spans_a_break_of_tracking() -> None:
+    frames = list(driven(duration_s=60.0))
+    for k in range(100, 150):
+        frames[k] = changed(frames[k], scan=None)
+    kernel = run(frames)
+    torn = kernel.closer.torn
+    assert 0 < torn < len(kernel.keyframes) - 1
+    assert all(submap.members[-1] < torn or submap.members[0] >= torn for submap in kernel.closer.submaps)
+
+
 def test_robots_that_pass_by_are_cleared_from_the_map() -> None:
     alone, among = run(driven()).map(), run(driven(peers=("r2", "r3", "r4"))).map()
     walls, seen = (set(map(tuple, np.argwhere(cells(grid)))) for grid in (alone, among))

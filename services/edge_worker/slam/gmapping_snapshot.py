@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from services.edge_worker.slam.gmapping import GMapping
 
 MAGIC = b"RecSLAM gmapping"
-FORMAT = 1
+FORMAT = 2
 HEAD_BYTES = len(MAGIC) + 2 + hashlib.sha256().digest_size
 MOST_BYTES = 1 << 31
 """of a body unpacked"""

@@ -52,6 +52,8 @@ class GraphSlam:
         self.rendering = Rendering(settings.resolution_m)
         self.track = Trajectory()
         self.pose = np.zeros(3)
+        self.slack = np.zeros((3, 3))
+        """covariance of the pose against the last keyframe, in the robot's frame"""
         self.pending = 0
         """loops that wait for an optimisation"""
 
@@ -66,8 +68,9 @@ class GraphSlam:
             self._add_keyframe(scan, None)
             self.track.append(scan.stamp, 0, np.zeros(3))
             return Estimate(self.pose.copy(), len(scan.points) >= self.settings.min_points)
-        match = self.tracker.match(scan, self.pose)
-        self.reader.learn(between(self.pose, match.pose), match.matched)
+        match = self.tracker.match(scan, self.pose, self.slack)
+        self.slack = match.covariance
+        self.reader.learn(between(self.pose, match.pose), match.matched, match.firm)
         self.pose = match.pose
         if match.slip is not None:
             self.reader.slipped(match.slip)
@@ -108,7 +111,9 @@ class GraphSlam:
         self.keyframes.append(keyframe)
         if match is not None:
             measured = between(self.graph.poses[node - 1], self.pose)
-            self.graph.add_edge(node - 1, node, measured, match.information, loop=False)
+            information = np.asarray(np.linalg.inv(match.covariance + match.floor), np.float64)
+            self.graph.add_edge(node - 1, node, measured, information, loop=False)
+            self.slack = np.zeros((3, 3))
             self.closer.travelled += float(np.hypot(measured[0], measured[1]))
             if not match.matched:
                 self.closer.torn = node

@@ -37,6 +37,7 @@ def write(kernel: GraphSlam) -> bytes:
     state = {
         "reader": kernel.reader.state(),
         "pose": kernel.pose,
+        "slack": kernel.slack,
         "pending": kernel.pending,
         "first": kernel.tracker.first,
         "version": kernel.rendering.grid.version,
@@ -76,11 +77,12 @@ def read(data: bytes, kernel: GraphSlam) -> None:
         tracker, track = Tracker(kernel.settings), Trajectory.of(state["track"])
         tracker.first = state["first"]
         tracker.rebuild(keyframes, graph.poses)
-        pose, pending, version, reader = state["pose"], state["pending"], state["version"], state["reader"]
+        pose, slack, pending = state["pose"], state["slack"], state["pending"]
+        version, reader = state["version"], state["reader"]
     except (KeyError, TypeError, ValueError, IndexError, zstandard.ZstdError) as error:
         raise SnapshotRefused(f"graph: the snapshot does not hold what this program needs: {error!r}") from error
     kernel.reader.restore(reader)
-    kernel.pose, kernel.pending, kernel.keyframes = pose, pending, keyframes
+    kernel.pose, kernel.slack, kernel.pending, kernel.keyframes = pose, slack, pending, keyframes
     kernel.graph, kernel.closer, kernel.tracker, kernel.track = graph, closer, tracker, track
     kernel.rendering.restart(version)
 

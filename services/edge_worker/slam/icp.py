@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from services.edge_worker.slam.certainty import believed
 from services.edge_worker.slam.scan import Points
 from services.edge_worker.slam.surfels import CELL, SurfelMap, faces
 
@@ -25,6 +26,8 @@ WIDE_M, NARROW_M = 0.12, 0.04
 WIDE_ITERATIONS = 3
 INLIER_M = 0.06
 """off its line by less than this, a point agrees with the map"""
+SCATTER = 0.003
+"""rad^2, variance of the direction of a surfel's normal"""
 NOISE_M = 0.02
 """standard deviation of a point off its line: beam noise, and that neighbours err alike"""
 
@@ -68,6 +71,7 @@ def align(
     prior: NDArray[np.float64],
     sigma: tuple[float, float],
     sweep: Sweep = KNOWN,
+    scatter: float = SCATTER,
 ) -> Alignment:
     """Pose of points (n, 2) with normals (n, 2), sought from `start`, near `prior` within `sigma` (m, rad)."""
     spread = np.array([sigma[0], sigma[0], sigma[1], sweep.sigma[0], sweep.sigma[0], sweep.sigma[1]])
@@ -90,7 +94,7 @@ def align(
     if len(sweep.times):
         cross, rest = hessian[:3, 3:], hessian[3:, 3:] + np.diag(spread[3:] ** -2.0)
         information = information - cross @ np.linalg.solve(rest, cross.T)
-    return Alignment(pose, information, inliers, slip)
+    return Alignment(pose, believed(information, scatter), inliers, slip)
 
 
 @njit(cache=True)

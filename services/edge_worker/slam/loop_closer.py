@@ -44,6 +44,8 @@ RIVAL_M = 0.6
 """m between two places"""
 SMALL_M, SMALL_RAD = 0.3, 0.08
 """corrections up to these are taken on one loop's word"""
+FIRM_M = 0.1
+"""standard deviation up to which a loop holds a direction"""
 AGREE_M, AGREE_RAD, AGREE_SHARE = 0.1, 0.025, 0.01
 """how well two loops must agree: m, rad, and m per metre travelled between them"""
 APART_KEYFRAMES = 4
@@ -56,6 +58,8 @@ BENT_M, BENT_RAD = 0.02, 0.005
 """m, rad by which a correction must move a submap's keyframes to each other for the submap to be laid out anew"""
 FLOOR = np.diag([0.01**2, 0.01**2, 0.003**2])
 """covariance that every loop has at least: rigid submaps are not quite what they were measured as"""
+SCATTER = 0.03
+"""share of the points that may seem to hold a loop along a corridor and do not: one door is like another"""
 FREE_SIGMA = (2.0, 1.0)
 """m, rad: the prior of a loop's refinement, weak enough to leave it to the points"""
 
@@ -73,6 +77,12 @@ class Loop:
     """(3, 3) in the keyframe's frame"""
     correction: tuple[float, float]
     """m and rad by which it would move the keyframe"""
+
+    @property
+    def firm(self) -> bool:
+        """It holds the keyframe in all directions."""
+        covariance = np.linalg.inv(self.information)[:2, :2]
+        return bool(np.linalg.eigvalsh(covariance)[1] < FIRM_M**2)
 
     @property
     def small(self) -> bool:
@@ -144,7 +154,7 @@ class LoopCloser:
         if loop is None:
             return []
         if loop.small:
-            self.travelled = 0.0
+            self._settle([loop])
             return [loop]
         return self._agreed(graph, loop)
 
@@ -177,7 +187,7 @@ class LoopCloser:
         found = self._place(target, points, guess)
         if found is None:
             return None
-        alignment = align(target.surfels, points, normals, found, found, FREE_SIGMA)
+        alignment = align(target.surfels, points, normals, found, found, FREE_SIGMA, scatter=SCATTER)
         agree, conflict = evidence(target.seen, points, alignment.pose)
         known = agree + conflict
         inliers = alignment.inliers * len(points) / max(known, 1)
@@ -234,8 +244,13 @@ class LoopCloser:
         if len(friends) + 1 < WITNESSES:
             return []
         self.waiting.clear()
-        self.travelled = 0.0
+        self._settle([*friends, loop])
         return [*friends, loop]
+
+    def _settle(self, loops: list[Loop]) -> None:
+        """Begin anew to count the drift, if a loop holds the robot in all directions: a corridor's does not."""
+        if any(loop.firm for loop in loops):
+            self.travelled = 0.0
 
 
 def consistent(graph: PoseGraph, a: Loop, b: Loop) -> bool:

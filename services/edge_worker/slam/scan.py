@@ -32,6 +32,8 @@ class Scan:
     """(3,) dead-reckoned motion since the frame before, in that frame's base: m, m, rad"""
     measured: bool
     """odometry measured the motion; False: it is a guess of constant velocity (with the gyro's yaw, if any)"""
+    surge: float = 0.0
+    """m by which odometry told more than the usual speed"""
     turn_measured: bool = False
     """a gyro measured the rotation"""
     dt: float = 0.0
@@ -69,6 +71,7 @@ class ScanReader:
             frame.stamp,
             motion,
             measured,
+            reckoning.surge,
             reckoning.turn_measured,
             reckoning.dt,
             None if measured else reckoning.guessed,
@@ -94,12 +97,12 @@ class ScanReader:
         taken = (start + scan.time_increment * beams).astype(np.float32)
         return replace(read, points=ends, beams=beams, times=taken, silent=silent, laser=laser)
 
-    def learn(self, motion: NDArray[np.float64], matched: bool = True) -> None:
+    def learn(self, motion: NDArray[np.float64], matched: bool = True, firm: bool = False) -> None:
         """Tell the motion (3,) since the frame before that was settled on, in that frame's base; for every frame.
 
-        `matched`: by matching the scan, not for want of a match.
+        `matched`: by matching the scan, not for want of a match; `firm`: the match held the robot along its motion.
         """
-        self.reckoning.learn(motion, matched)
+        self.reckoning.learn(motion, matched, firm)
 
     def slipped(self, slip: NDArray[np.float64]) -> None:
         """Tell what a guessed velocity was off by in the sweep just read: (3,) m/s, m/s, rad/s."""

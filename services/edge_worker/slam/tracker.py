@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import compose
+from services.edge_worker.slam.certainty import holds, posterior, turned
 from services.edge_worker.slam.correlate import correlate
 from services.edge_worker.slam.graph_settings import GraphSettings
 from services.edge_worker.slam.icp import KNOWN, Alignment, Sweep, align
@@ -53,10 +54,14 @@ class Match(NamedTuple):
     pose: NDArray[np.float64]
     """(3,) in the map's frame"""
     matched: bool
-    information: NDArray[np.float64]
-    """(3, 3) of the pose in its own frame"""
+    covariance: NDArray[np.float64]
+    """(3, 3) of the pose, against the last keyframe, in its own frame"""
+    floor: NDArray[np.float64] = FLOOR
+    """(3, 3) covariance to be added to that, as matches err alike"""
     slip: NDArray[np.float64] | None = None
     """(3,) what a guessed velocity was off by during the sweep, m/s, m/s, rad/s; None where it was not guessed"""
+    firm: bool = False
+    """the scan alone says how far the robot went"""
 
 
 class Query(NamedTuple):
@@ -76,13 +81,15 @@ class Tracker:
         self.first = 0
         """oldest keyframe in the local map"""
 
-    def match(self, scan: Scan, pose: NDArray[np.float64]) -> Match:
-        """Where the scan was taken, `pose` being where the frame before was."""
+    def match(self, scan: Scan, pose: NDArray[np.float64], slack: NDArray[np.float64]) -> Match:
+        """Where the scan was taken; the frame before was at `pose`, with covariance `slack` (3, 3) in its own frame."""
+        slack = turned(slack, scan.motion[2])
         facing = normals(scan.points, scan.beams, scan.laser)
         kept = thin(scan.points, facing, SPACING, self.settings.match_points)
         predicted, (window, prior) = compose(pose, scan.motion), self._uncertainty(scan)
+        lost = Match(predicted, False, posterior(np.zeros((3, 3)), prior, slack))
         if len(kept) < self.settings.min_points:
-            return Match(predicted, False, _information(np.zeros((3, 3)), prior))
+            return lost
         guessed = scan.velocity is not None and bool(scan.times.any())
         query = Query(scan.points[kept], facing[kept], self._sweep(scan, kept, pose) if guessed else KNOWN)
         found, sigma = self._align(query, predicted, window, prior), prior
@@ -94,10 +101,12 @@ class Tracker:
                 if found.inliers >= GOOD_INLIERS:
                     break
         if found.inliers < self.settings.min_inliers:
-            return Match(predicted, False, _information(np.zeros((3, 3)), prior))
+            return lost
         floor = FLOOR if found.inliers >= GOOD_INLIERS else DOUBTFUL_FLOOR
         slip = found.slip if guessed and found.inliers >= GOOD_INLIERS else None
-        return Match(found.pose, True, _information(found.information, sigma, floor), slip)
+        covariance = posterior(found.information, sigma, slack)
+        firm = found.inliers >= GOOD_INLIERS and holds(found.information, scan.motion)
+        return Match(found.pose, True, covariance, floor, slip, firm)
 
     def _sweep(self, scan: Scan, kept: NDArray[np.int64], pose: NDArray[np.float64]) -> Sweep:
         """How the motion in this sweep was guessed."""
@@ -113,7 +122,8 @@ class Tracker:
         share = self.settings.odometry_share
         reach, sigma_m = GUESS_M, GUESS_SIGMA[0]
         if scan.measured:
-            reach, sigma_m = min(0.1 + 0.2 * moved, GUESS_M), STILL_SIGMA[0] + share * moved
+            reach = min(0.1 + 0.2 * moved + scan.surge, GUESS_M)
+            sigma_m = STILL_SIGMA[0] + share * moved + scan.surge
         turn, sigma_rad = GUESS_RAD, GUESS_SIGMA[1]
         if scan.measured or scan.turn_measured:
             swerve = 0.0 if scan.turn_measured else SWERVE * moved
@@ -144,11 +154,3 @@ class Tracker:
         sample = query.points[:: max(len(query.points) // COARSE_POINTS, 1)]
         start, _ = correlate(self.local.field, sample, predicted, *window)
         return align(self.local, query.points, query.normals, start, predicted, sigma, query.sweep)
-
-
-def _information(
-    scan: NDArray[np.float64], sigma: tuple[float, float], floor: NDArray[np.float64] = FLOOR
-) -> NDArray[np.float64]:
-    """What scan and prior say together of a pose, in its own frame, with `floor` added to the covariance."""
-    both = scan + np.diag([sigma[0] ** -2, sigma[0] ** -2, sigma[1] ** -2])
-    return np.asarray(np.linalg.inv(np.linalg.inv(both) + floor), np.float64)

@@ -1,0 +1,45 @@
+"""How well a pose is known: what a scan's Hessian may be believed of, and what dead reckoning adds."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FIRM_M = 0.02
+"""standard deviation along the motion of a scan that tells how far the robot went"""
+
+
+def believed(information: NDArray[np.float64], scatter: float) -> NDArray[np.float64]:
+    """Information (3, 3) of a pose less what it owes to the scatter of normals.
+
+    Normals are fitted to noisy points, and seem to hold the pose along a straight wall: with a variance v of their
+    direction, v of what all points say goes astray to the direction across. This much is taken off the two
+    directions in which the position is known, once the heading is taken as free.
+    """
+    position, cross, heading = information[:2, :2], information[:2, 2], information[2, 2]
+    known, axes = np.linalg.eigh(position - np.outer(cross, cross) / max(heading, 1e-12))
+    astray = np.clip(scatter * np.trace(position), 0.0, np.maximum(known, 0.0))
+    out = information.copy()
+    out[:2, :2] -= (axes * astray) @ axes.T
+    return out
+
+
+def holds(scan: NDArray[np.float64], motion: NDArray[np.float64]) -> bool:
+    """Does the information (3, 3) of a scan alone fix the position along `motion` (3,)?"""
+    heading = np.array([np.cos(motion[2]) * motion[0] + np.sin(motion[2]) * motion[1],
+                        np.cos(motion[2]) * motion[1] - np.sin(motion[2]) * motion[0]])  # fmt: skip
+    variance = np.linalg.inv(scan + np.diag([1.0, 1.0, 1.0]))[:2, :2]
+    return bool(heading @ variance @ heading < FIRM_M**2 * (heading @ heading))
+
+
+def posterior(scan: NDArray[np.float64], sigma: tuple[float, float], slack: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What a scan's information (3, 3) leaves of what dead reckoning adds to `slack` (3, 3)."""
+    prior = slack + np.diag([sigma[0] ** 2, sigma[0] ** 2, sigma[1] ** 2])
+    return np.asarray(np.linalg.inv(scan + np.linalg.inv(prior)), np.float64)
+
+
+def turned(covariance: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    """A covariance (3, 3) in a frame turned by `angle` rad."""
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return turn @ covariance @ turn.T
