@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from common.errors import Unmergeable
 from common.fusion.bend import bend, loosened
 from common.fusion.decide import decide, judge_alone, runner_up
+from common.fusion.detail import detail_m
 from common.fusion.hypotheses import Hypothesis, judge, search, slides, straighten, straighten_best
 from common.fusion.matchmap import MatchMap
 from common.fusion.settings import FusionSettings
@@ -82,6 +83,8 @@ def match(
     if hypotheses and judge_alone(hypotheses[0], settings)[0] == "merged":
         hypotheses += slides(a, b, hypotheses[0], settings)
     kind, reason = decide(hypotheses, settings)
+    if kind == "merged":
+        kind, reason = _doubted(a, b, hypotheses[0], settings) or (kind, reason)
     return _result(kind, reason, hypotheses, a, b, settings)
 
 
@@ -99,6 +102,23 @@ def track(a: MatchMap, b: MatchMap, transform: ArrayLike, *, settings: FusionSet
         hypothesis = straighten(a, b, hypothesis, settings)
     kind, reason = judge_alone(hypothesis, settings)
     return _result(kind, reason, [hypothesis], a, b, settings)
+
+
+def _doubted(a: MatchMap, b: MatchMap, best: Hypothesis, settings: FusionSettings) -> tuple[VerdictKind, str] | None:
+    """Why a placement is not to be believed although nothing speaks against it, None when it is."""
+    if _overlap(a, b, best) >= settings.plain_overlap:
+        return None
+    detail = detail_m(a, b, best.pose, settings)
+    if detail >= settings.min_detail_m:
+        return None
+    return (
+        "ambiguous",
+        f"only {detail:.1f} m of wall agree beyond four straight lines: any room of this shape would fit",
+    )
+
+
+def _overlap(a: MatchMap, b: MatchMap, best: Hypothesis) -> float:
+    return min(0.5, best.evidence.overlap_m2 / (a.known_m2 + b.known_m2))
 
 
 def _refusal(a: MatchMap, b: MatchMap, settings: FusionSettings) -> Match | None:
@@ -127,7 +147,7 @@ def _result(
         reason=reason,
         transform=best.pose if merged else None,
         information=_information(a, b, best, settings) if merged else None,
-        overlap=min(0.5, best.evidence.overlap_m2 / (a.known_m2 + b.known_m2)),
+        overlap=_overlap(a, b, best),
         agreement=best.evidence.agreement,
         conflict=best.evidence.conflict,
         runner_up=runner_up(hypotheses),

@@ -65,6 +65,11 @@ class FusionSettings(BaseModel):
     min_grip_m: Positive = 1.0
     """metres of wall across the transform's weakest direction, below which it counts as ambiguous"""
 
+    min_detail_m: Annotated[float, Field(ge=0)] = 1.0
+    """metres of agreeing wall beyond four straight lines that a merge must have ..."""
+    plain_overlap: Annotated[float, Field(ge=0, le=0.5)] = 0.4
+    """... unless the maps overlap by so much, |A∩B| / (|A|+|B|)"""
+
     # decide about bent maps, which fit patch by patch only
     min_bent_score_m: Positive = 30.0
     """score that a merge must have then"""

@@ -1,0 +1,40 @@
+"""Rooms that are merely of one shape are not taken for one room."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from drawn_worlds import apartment, mapped
+
+from common.fusion.detail import detail_m
+from common.fusion.match import match
+from common.fusion.matchmap import MatchMap
+from common.fusion.settings import FusionSettings
+from common.geometry import between
+
+LONG_M = 53.0
+TRUSTING = FusionSettings(min_detail_m=0.0)
+
+
+def window(k: int) -> MatchMap:
+    """The k-th of overlapping stretches of a long building, in a frame of its own."""
+    return mapped(apartment(3, width_m=LONG_M), frame_of(k), (6.0 * k, 6.0 * k + 11.0), seed=k)
+
+
+def frame_of(k: int) -> np.ndarray:
+    return np.array([5.0 * k, 1.0, 0.5 * k])
+
+
+@pytest.mark.parametrize(("one", "other"), [(1, 4), (2, 7), (4, 7)])
+def test_two_walls_and_two_cross_walls_are_no_reason_to_merge(one: int, other: int) -> None:
+    a, b = window(one), window(other)
+    assert match(a, b, settings=TRUSTING).kind == "merged"
+    found = match(a, b)
+    assert found.kind == "ambiguous"
+    assert "beyond four straight lines" in found.reason
+
+
+def test_what_neighbours_share_has_detail() -> None:
+    a, b = window(3), window(4)
+    assert match(a, b).kind == "merged"
+    assert detail_m(a, b, between(frame_of(3), frame_of(4)), FusionSettings()) > 5.0
