@@ -100,13 +100,11 @@ def drive(robot: SimulatedRobot) -> dict[str, Any]:
     closer = kernel.closer = JudgedCloser(kernel.settings)
     for sweep in robot.sweeps():
         frame = pack(sweep, robot.robot, "0" * 32, frames)
-        if not frames:
-            closer.poses = {}
         closer.truth = robot.pose(sweep.stamp)
         begin = time.process_time()
         kernel.process(frame)
         spent += time.process_time() - begin
-        if frames == 0:
+        if not frames:
             closer.poses[id(kernel.keyframes[0])] = (kernel.keyframes[0], closer.truth)
         frames += 1
     kernel.finish()
@@ -123,7 +121,7 @@ def drive(robot: SimulatedRobot) -> dict[str, Any]:
         "loops": len(off),
         "wrong": int(off[:, 2].sum()),
         "loop_m": np.percentile(off[:, 0], [50, 95, 100]).tolist() if len(off) else [],
-        "scale": getattr(kernel.reader.reckoning, "scale", 1.0),
+        "scale": kernel.reader.reckoning.scale,
     }
 
 
