@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import uuid
@@ -10,6 +11,9 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 import pytest
 
 from common.bus import Bus
+
+# Started in the background of a shell, all processes below would ignore the Ctrl-C that tests send them.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 OpenBus = Callable[..., Awaitable[Bus]]
 
