@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from common.errors import UsageError
-from common.grid.grid import TileKey
+from common.grid.grid import Grid, TileKey
+from common.grid.tiles import encode_counts
 from common.grid.versions import life_of
 
 TileData = tuple[int, int, int, bytes]
@@ -52,6 +53,12 @@ def page(tiled: Tiled, since: int, cursor: str, limit_bytes: int, encode: Callab
         tiles.append((key[0], key[1], version, data))
         size += len(data) + 16
     return Page(tiles, None)
+
+
+def counts_page(grid: Grid, since: int, cursor: str, limit_bytes: int) -> dict[str, Any]:
+    """A page of counts as plain values, with what it is a page of: what a worker process answers."""
+    found = page(grid, since, cursor, limit_bytes, encode_counts)
+    return {"tiles": found.tiles, "next": found.next, "version": grid.version, "resolution": grid.resolution}
 
 
 def parse_cursor(cursor: str) -> tuple[int, TileKey]:

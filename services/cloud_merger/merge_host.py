@@ -19,9 +19,9 @@ from common.fusion.solve import Solved, solve
 from common.geometry.se2 import compose
 from common.grid import Grid
 from common.grid.compose import compose_into
-from common.grid.paging import page
+from common.grid.paging import counts_page
 from common.grid.raster import Raster
-from common.grid.tiles import decode_counts, decode_occupancy, encode_counts
+from common.grid.tiles import decode_counts, decode_occupancy
 from common.grid.versions import first_version
 from common.wire import FixedPose, PairVerdict, Placed, PoseTuple, Transforms, Verdicts, decode, encode
 
@@ -124,13 +124,7 @@ class MergeHost:
         """One page of changed tiles of the global map."""
         if self._product is None:
             raise UsageError("no global map yet; wait for the first notice")
-        found = page(self._product, since, cursor, limit_bytes, encode_counts)
-        return {
-            "tiles": found.tiles,
-            "next": found.next,
-            "version": self._product.version,
-            "resolution": self._product.resolution,
-        }
+        return counts_page(self._product, since, cursor, limit_bytes)
 
     def export(self, folder: str) -> None:
         """Write the global map into the folder, as map_server yaml + pgm and as PNG."""

@@ -19,9 +19,9 @@ from common.fusion.solve import Solved, solve
 from common.geometry.se2 import compose
 from common.grid import Grid
 from common.grid.compose import cap_votes, compose_into
-from common.grid.paging import page
+from common.grid.paging import counts_page
 from common.grid.render import render
-from common.grid.tiles import decode_counts, encode_counts
+from common.grid.tiles import decode_counts
 from common.grid.versions import first_version
 from common.wire import FixedPose, Transforms, Verdicts, decode, encode
 
@@ -102,13 +102,7 @@ class FusionHost:
         """One page of changed tiles of the edge map."""
         if self._product is None:
             raise UsageError("no edge map yet: nothing has been fused here")
-        found = page(self._product, since, cursor, limit_bytes, encode_counts)
-        return {
-            "tiles": found.tiles,
-            "next": found.next,
-            "version": self._product.version,
-            "resolution": self._product.resolution,
-        }
+        return counts_page(self._product, since, cursor, limit_bytes)
 
     def _placed(
         self, held: list[str], solved: list[Solved], world: Transforms | None
