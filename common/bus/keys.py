@@ -83,28 +83,13 @@ def edge_ack(edge: str, robot: str) -> str:
 
 
 def edge_robot_map(edge: str, robot: str) -> str:
-    """Latched MapNotice, and a queryable of its tiles."""
+    """Latched MapNotice, and a queryable of its tiles: `kind=counts`, or `kind=occupancy`, the sketch."""
     return _edge(edge, _robot(robot, "map"))
-
-
-def edge_sketch(edge: str, robot: str) -> str:
-    """Queryable: small descriptor of a robot map."""
-    return _edge(edge, _robot(robot, "sketch"))
 
 
 def edge_trajectory(edge: str, robot: str) -> str:
     """Queryable: pages of the corrected trajectory."""
     return _edge(edge, _robot(robot, "trajectory"))
-
-
-def edge_keyframes(edge: str, robot: str) -> str:
-    """Queryable: keyframes for joint correction."""
-    return _edge(edge, _robot(robot, "keyframes"))
-
-
-def edge_checkpoint(edge: str, robot: str) -> str:
-    """Queryable: SLAM state of a robot's instance."""
-    return _edge(edge, _robot(robot, "checkpoint"))
 
 
 def edge_map(edge: str) -> str:
@@ -130,11 +115,6 @@ def edge_verdicts(edge: str) -> str:
 def edge_alive(edge: str) -> str:
     """Liveliness token."""
     return _edge(edge, "alive")
-
-
-def cloud_checkpoint(robot: str) -> str:
-    """Queryable: the replicated checkpoint of a robot's instance."""
-    return f"cloud/checkpoint/{_named(robot)}"
 
 
 def owner(key: str) -> tuple[str, str]:
