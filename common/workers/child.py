@@ -33,11 +33,7 @@ def main() -> None:
     _send(channel, [0, True, os.getpid()])
     while True:
         request_id, method, arguments = requests.get()
-        answer = _call(host, method, arguments)
-        try:
-            _send(channel, [request_id, *answer])
-        except OSError:
-            os._exit(0)  # the parent is gone
+        _send(channel, [request_id, *_call(host, method, arguments)])
 
 
 def _call(host: object, method: str, arguments: dict[str, Any]) -> tuple[bool, Any]:
@@ -56,8 +52,8 @@ def _read(channel: socket.socket, requests: queue.SimpleQueue[Any]) -> None:
         while True:
             (size,) = HEAD.unpack(_exactly(channel, HEAD.size))
             requests.put(msgpack.unpackb(_exactly(channel, size), strict_map_key=False))
-    except EOFError:
-        os._exit(0)
+    except (EOFError, ConnectionError):
+        os._exit(0)  # the parent is gone; reset rather than end of file when it had not read all that we sent
     except BaseException:
         traceback.print_exc()
         os._exit(1)  # a worker that cannot hear must not linger
@@ -75,7 +71,10 @@ def _exactly(channel: socket.socket, size: int) -> bytes:
 
 def _send(channel: socket.socket, reply: list[Any]) -> None:
     data = msgpack.packb(reply)
-    channel.sendall(HEAD.pack(len(data)) + data)
+    try:
+        channel.sendall(HEAD.pack(len(data)) + data)
+    except ConnectionError:
+        os._exit(0)  # the parent is gone
 
 
 if __name__ == "__main__":

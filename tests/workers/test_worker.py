@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import os
+import select
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -86,3 +88,19 @@ def test_a_busy_worker_does_not_outlive_a_parent_killed_with_9() -> None:
     while alive(child) and time.monotonic() < deadline:
         os.sched_yield()
     assert not alive(child)
+
+
+def test_a_worker_whose_parent_died_with_answers_unread_ends_without_a_word() -> None:
+    # the socket then says "connection reset", not "end of file"
+    ours, theirs = socket.socketpair()
+    child = subprocess.Popen(
+        [sys.executable, "-m", "common.workers.child", TARGET, str(theirs.fileno())],
+        pass_fds=(theirs.fileno(),),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    theirs.close()
+    select.select([ours], [], [], 60)  # it has said that it is ready, and nobody reads it
+    ours.close()
+    _, said = child.communicate(timeout=60)
+    assert (child.returncode, said) == (0, "")
