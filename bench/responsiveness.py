@@ -16,7 +16,7 @@ from common.bus import Bus, keys
 from common.config import SchedulerConfig
 from common.parent import Leash
 from services.scheduler.service import Scheduler
-from services.scheduler.state import EdgeSeen, Interval, MakePlan, Profiled, RobotSeen
+from services.scheduler.state import EdgeSeen, Interval, MakePlan, Profiled, RobotSeen, Tick
 
 ROUTER = """
 import asyncio, sys
@@ -90,6 +90,7 @@ def _populate(scheduler: Scheduler, robots: int, edges: int, policy: str) -> Non
     for robot in model.robot_names:
         state.handle(Profiled(model.state.profiles[robot], now))
         state.handle(RobotSeen(robot, True, now))
+    state.handle(Tick(now))
 
 
 async def _one_plan(scheduler: Scheduler) -> float:

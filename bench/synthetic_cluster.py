@@ -93,6 +93,7 @@ class SyntheticCluster:
             self.inputs.hear(profile, self.now)
             self.feed(Profiled(profile, self.now))
             self.feed(RobotSeen(robot, True, self.now))
+        self.feed(Tick(self.now))
 
     def run(self, seconds: float, interval_s: float = 3.0) -> None:
         """Reports come each second, plans at intervals."""

@@ -1,6 +1,7 @@
 """What the scheduler decides: who is there, where each robot's frames and map go, and when a plan is due.
 
-A robot is placed as soon as it and its profile have come, by load; plans regroup robots at intervals. A robot that has
+A robot is placed at the tick after it and its profile have come, by load: a fleet that comes at once is one table, not
+one each. Plans regroup robots at intervals. A robot that has
 left keeps its route: its map stays in the fused maps. An edge that is gone for longer than the grace time loses its
 robots to the others, which rebuild them from their spools. When the router is lost, nobody is declared gone: everybody
 seems to be. Every table has an epoch (term, n), the term one higher than that of any claim that is heard, so that the
@@ -18,6 +19,8 @@ from services.scheduler.topology import Topology
 
 SETTLE_S = 10.0
 """once an edge is there, how long the first placing waits for the others that the fleet file names"""
+SAID = 32
+"""changes that the reason for a table names"""
 
 
 @dataclass(frozen=True)
@@ -141,13 +144,10 @@ class SchedulerState:
         match event:
             case RobotSeen(robot, alive, now):
                 self._seen(self.robots, robot, alive, now)
-                return self._place(now)
             case EdgeSeen(edge, alive, now):
                 self._seen(self.edges, edge, alive, now)
-                return self._place(now)
-            case Profiled(profile, now):
+            case Profiled(profile):
                 self.profiles[profile.robot] = profile
-                return self._place(now)
             case Linked(up, now):
                 if up != self.link_up:
                     self.link_up, self.link_since = up, now
@@ -209,35 +209,37 @@ class SchedulerState:
         """Give a route to every present robot that has none, or whose edge is gone or out of its reach."""
         if not self.link_up or not self._settled(now):
             return []
-        usable = self.usable_edges(now)
+        usable, alive, load = set(self.usable_edges(now)), self.alive_edges(), self.load()
         reasons = []
         for robot, seen in sorted(self.robots.items()):
             route = self.routes.get(robot)
             if robot not in self.profiles or (route is None and not seen.alive):
                 continue  # where it reaches is not known
-            if route is None or route.slam_edge not in self.reachable(robot, usable):
-                reasons += self._put(robot, route)
+            if route is None or route.slam_edge not in usable or not self.reachable(robot, [route.slam_edge]):
+                reasons += self._put(robot, route, alive, load)
             elif route.fuse_edge not in usable:
                 self.routes[robot] = route.model_copy(update={"fuse_edge": route.slam_edge})
                 reasons.append(f"{robot} fused at {route.slam_edge}: {route.fuse_edge} is gone")
-        return self._publish("; ".join(reasons)) if reasons else []
+        return self._publish(reasons) if reasons else []
 
-    def _put(self, robot: str, old: Route | None) -> list[str]:
-        choice = self.reachable(robot, self.alive_edges())
+    def _put(self, robot: str, old: Route | None, alive: list[str], load: Counter[str]) -> list[str]:
+        choice = self.reachable(robot, alive)
         if not choice:
             self.stranded.add(robot)
             return []
         self.stranded.discard(robot)
-        load = self.load()
         edge = self.topology.edge_for(robot, choice) or min(choice, key=lambda name: (load[name], name))
         self.routes[robot] = Route(slam_edge=edge, fuse_edge=edge, epoch=(self.term, self.count + 1))
+        load[edge] += self.robots[robot].alive
         if old is None:
             return [f"{robot} came: to {edge}"]
+        load[old.slam_edge] -= self.robots[robot].alive
         self.moved += 1
         return [f"{robot} moves to {edge}: {old.slam_edge} is gone or out of reach"]
 
-    def _publish(self, reason: str) -> list[Instruction]:
+    def _publish(self, news: list[str]) -> list[Instruction]:
         self.count += 1
+        reason = "; ".join(news[:SAID]) + (f"; and {len(news) - SAID} more" if len(news) > SAID else "")
         return [Publish(Routes(epoch=self.epoch, routes=dict(sorted(self.routes.items()))), reason)]
 
     def _claimed(self, claims: tuple[Claims, ...], now: float) -> list[Instruction]:
@@ -254,7 +256,7 @@ class SchedulerState:
         if heard > self.epoch:
             self.term, self.count = max(self.term, heard[0] + 1), 0
             news.append(f"an earlier scheduler's table {heard} is known")
-        return self._publish("; ".join(news)) if news and self.routes else []
+        return self._publish(news) if news and self.routes else []
 
     def _ask_for_plan(self, now: float) -> list[Instruction]:
         edges = self.alive_edges()
@@ -289,7 +291,7 @@ class SchedulerState:
             self.routes[robot] = Route(slam_edge=slam, fuse_edge=fuse, epoch=epoch)
             self.moved += slam != old.slam_edge
             moves.append(f"{robot} fused at {fuse}" + (f", run at {slam}" if slam != old.slam_edge else ""))
-        return self._publish("; ".join(moves)) if moves else []
+        return self._publish(moves) if moves else []
 
     def _named(self, plan: Planned) -> list[str]:
         return [*plan.slam.values(), *plan.fuse.values()]

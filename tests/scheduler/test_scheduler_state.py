@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections import Counter
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -42,8 +43,13 @@ def profile(robot: str, *edges: str) -> RobotProfile:
     return RobotProfile(robot=robot, stream="a" * 32, edges=edges or None)
 
 
+def tell(state: SchedulerState, *events: Event, now: float) -> list[Instruction]:
+    """What comes of these events and of the tick after them."""
+    return [step for event in (*events, Tick(now)) for step in state.handle(event)]
+
+
 def come(state: SchedulerState, robot: str, *edges: str, now: float = 1.0) -> list[Instruction]:
-    return [*state.handle(Profiled(profile(robot, *edges), now)), *state.handle(RobotSeen(robot, True, now))]
+    return tell(state, Profiled(profile(robot, *edges), now), RobotSeen(robot, True, now), now=now)
 
 
 def table(steps: list[Instruction]) -> Routes:
@@ -64,15 +70,26 @@ def test_a_robot_is_placed_only_where_it_reaches() -> None:
 
 def test_a_robot_is_not_placed_before_its_profile_tells_what_it_reaches() -> None:
     state = scheduler("e1", "e2")
-    assert state.handle(RobotSeen("r1", True, 1.0)) == []
-    assert table(state.handle(Profiled(profile("r1", "e2"), 1.0))).routes["r1"].slam_edge == "e2"
+    assert tell(state, RobotSeen("r1", True, 1.0), now=1.0) == []
+    assert table(tell(state, Profiled(profile("r1", "e2"), 1.0), now=1.0)).routes["r1"].slam_edge == "e2"
+
+
+def test_robots_that_come_at_once_are_one_table_and_spread_over_the_edges() -> None:
+    state = scheduler("e1", "e2")
+    for number in range(50):
+        assert state.handle(Profiled(profile(f"r{number}"), 1.0)) == []
+        assert state.handle(RobotSeen(f"r{number}", True, 1.0)) == []
+    (step,) = state.handle(Tick(1.1))
+    assert isinstance(step, Publish)
+    assert Counter(route.slam_edge for route in step.routes.routes.values()) == {"e1": 25, "e2": 25}
+    assert step.reason.endswith("; and 18 more")
 
 
 def test_a_robot_that_reaches_no_edge_is_named_until_one_comes() -> None:
     state = scheduler("e1")
     assert come(state, "r1", "e9") == []
     assert state.stranded == {"r1"}
-    assert table(state.handle(EdgeSeen("e9", True, 2.0))).routes["r1"].slam_edge == "e9"
+    assert table(tell(state, EdgeSeen("e9", True, 2.0), now=2.0)).routes["r1"].slam_edge == "e9"
     assert state.stranded == set()
 
 
