@@ -57,8 +57,11 @@ class Inputs:
         self._statuses: dict[str, RobotStatus] = {}
         self._sent: dict[str, deque[tuple[float, int]]] = defaultdict(lambda: deque(maxlen=16))
         self._cores: dict[str, int] = {}
-        self._scans: dict[tuple[str, str], deque[float]] = defaultdict(lambda: deque(maxlen=RECENT))
-        self._speeds: dict[str, float] | None = None
+        self._recent: dict[tuple[str, str], deque[float]] = defaultdict(lambda: deque(maxlen=RECENT))
+        self._scans: dict[tuple[str, str], float] = {}
+        """(robot, edge) → seconds of a scan"""
+        self._speeds: dict[str, float] = {}
+        self._speeds_are_old = True
         self._usual: dict[str, float] = {}
         """sensor → usual seconds of a scan at speed 1; made with `_speeds`"""
         self._links = Links({entry.id: entry.bandwidth_mbps * 1e6 / 8 for entry in fleet.edges})
@@ -78,7 +81,9 @@ class Inputs:
                 self.notices[message.robot, message.edge] = message
                 self._links.frames_delayed(message.robot, message.edge, message.transfer_s)
             case EdgeMapNotice():
-                self._fusions.took(len(message.covers), message.area_m2, message.fuse_s * self.speed(message.edge))
+                known = message.edge in self._speeds  # to measure anew at each map would cost maps x robots
+                speed = self._speed_known(message.edge) if known else self.speed(message.edge)
+                self._fusions.took(len(message.covers), message.area_m2, message.fuse_s * speed)
             case CloudStatus():
                 for link in message.links:
                     self._links.uplink_measured(link)
@@ -91,8 +96,10 @@ class Inputs:
         crowd = max(1.0, len(busy) / self.cores(status.edge))
         for each in busy:
             if each.scan_ms > 0:
-                self._scans[each.robot, status.edge].append(each.scan_ms / 1e3 / crowd)
-                self._speeds = None
+                recent = self._recent[each.robot, status.edge]
+                recent.append(each.scan_ms / 1e3 / crowd)
+                self._scans[each.robot, status.edge] = median(recent)
+                self._speeds_are_old = True
         for link in status.links:
             self._links.measured(status.edge, link)
 
@@ -102,8 +109,12 @@ class Inputs:
 
     def speed(self, edge: str) -> float:
         """How much faster scans are there than the profile says or, without one, than the fleet's median is."""
-        if self._speeds is None:
-            self._speeds = self._measured_speeds()
+        if self._speeds_are_old:
+            self._speeds, self._speeds_are_old = self._measured_speeds(), False
+        return self._speed_known(edge)
+
+    def _speed_known(self, edge: str) -> float:
+        """`speed` as it was when it was last asked for."""
         expected = as_stated(self._speeds, self._stated, edge, 1.0)
         off = self._speeds.get(edge, expected) / expected
         return expected * (off / ALIKE if off > ALIKE else off * ALIKE if off < 1 / ALIKE else 1.0)
@@ -111,16 +122,16 @@ class Inputs:
     def _measured_speeds(self) -> dict[str, float]:
         alike: dict[str, list[float]] = defaultdict(list)
         for (robot, _), seconds in self._scans.items():
-            alike[self._sensor(robot)].append(median(seconds))
+            alike[self._sensor(robot)].append(seconds)
         usual = {sensor: median(seconds) for sensor, seconds in alike.items()}
         found: dict[str, list[float]] = defaultdict(list)
         for (robot, edge), seconds in self._scans.items():
             reference = self._profile.scan_s(self._sensor(robot)) or usual[self._sensor(robot)]
-            found[edge].append(reference / median(seconds))
+            found[edge].append(reference / seconds)
         speeds = {edge: median(ratios) for edge, ratios in found.items()}
         alike.clear()
         for (robot, edge), seconds in self._scans.items():
-            alike[self._sensor(robot)].append(median(seconds) * speeds[edge])
+            alike[self._sensor(robot)].append(seconds * speeds[edge])
         self._usual = {sensor: median(seconds) for sensor, seconds in alike.items()}
         return speeds
 
@@ -139,7 +150,7 @@ class Inputs:
         """Seconds of a scan at speed 1, by what it takes where it runs."""
         seen, sensor, speed = self._scans.get((robot, edge)), self._sensor(robot), self.speed(edge)
         usual = self._usual.get(sensor) or self._profile.scan_s(sensor) or SCAN_S
-        own = median(seen) * speed if seen else usual
+        own = seen * speed if seen is not None else usual
         return usual if usual / ALIKE_SCANS < own < usual * ALIKE_SCANS else own
 
     def robot_rows(
