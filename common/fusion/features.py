@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from common.grid.grid import FREE, OCCUPIED
@@ -92,16 +93,62 @@ def _matches(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.int64]:
     """(n, 2) indices of matches that pass the ratio test in either direction, sorted."""
     if len(a) < 2 or len(b) < 2:
         return np.zeros((0, 2), np.int64)
-    forth, back = _passing(a, b), _passing(b, a)
-    return np.unique(np.concatenate([forth, back[:, ::-1]]), axis=0)
+    best, distances = _nearest_two(_words(a), _words(b))
+    forth, back = (side[:, 0] < RATIO * side[:, 1] for side in (distances[: len(a)], distances[len(a) :]))
+    pairs = [
+        np.stack([np.flatnonzero(forth), best[: len(a)][forth]], axis=1),
+        np.stack([best[len(a) :][back], np.flatnonzero(back)], axis=1),
+    ]
+    return np.unique(np.concatenate(pairs), axis=0)
 
 
-def _passing(queries: NDArray[np.uint8], targets: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """(n, 2) query and target of the best matches that are well below the second best."""
-    found = cv2.batchDistance(queries, targets, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=2)
-    distances, indices = np.asarray(found[0]), np.asarray(found[1])
-    rows = np.flatnonzero(distances[:, 0] < RATIO * distances[:, 1])
-    return np.stack([rows, indices[rows, 0]], axis=1)
+def _words(descriptors: NDArray[np.uint8]) -> NDArray[np.uint64]:
+    """Descriptors (n, 32) as (n, 4) words."""
+    return np.ascontiguousarray(descriptors).view(np.uint64)
+
+
+@njit(cache=True)
+def _nearest_two(a: NDArray[np.uint64], b: NDArray[np.uint64]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """For each of a in b, then for each of b in a: the nearest one (na + nb,), its and the second's bits (na + nb, 2).
+
+    Both ways in one pass over all Hamming distances.
+    """
+    n = len(a)
+    nearest = np.zeros(n + len(b), np.int64)
+    bits = np.full((n + len(b), 2), np.int32(257))
+    row = np.empty(len(b), np.int32)
+    for i in range(n):
+        for j in range(len(b)):
+            distance = np.int32(0)
+            for word in range(4):
+                distance += _ones(a[i, word] ^ b[j, word])
+            row[j] = distance
+        for j in range(len(b)):
+            distance = row[j]
+            if distance < bits[i, 1]:
+                _take(nearest, bits, i, j, distance)
+            if distance < bits[n + j, 1]:
+                _take(nearest, bits, n + j, i, distance)
+    return nearest, bits
+
+
+@njit(cache=True)
+def _take(nearest: NDArray[np.int64], bits: NDArray[np.int32], of: int, other: int, distance: int) -> None:
+    if distance < bits[of, 0]:
+        bits[of, 1] = bits[of, 0]
+        bits[of, 0] = distance
+        nearest[of] = other
+    else:
+        bits[of, 1] = distance
+
+
+@njit(cache=True)
+def _ones(word: np.uint64) -> np.int32:
+    """How many bits are set."""
+    word = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))
+    word = (word & np.uint64(0x3333333333333333)) + ((word >> np.uint64(2)) & np.uint64(0x3333333333333333))
+    word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return np.int32((word * np.uint64(0x0101010101010101)) >> np.uint64(56))
 
 
 def _ransac(

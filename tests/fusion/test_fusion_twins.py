@@ -6,7 +6,7 @@ import pytest
 from drawn_worlds import apartment, mapped
 
 from common.fusion.evidence import AGREES, CONTRADICTS, NEITHER, OUTSIDE, classify, longest_blob
-from common.fusion.features import fit_rigid
+from common.fusion.features import RATIO, _matches, fit_rigid
 from common.fusion.matchmap import REACH_M, MatchMap
 from common.fusion.refine import refine
 from common.fusion.settings import FusionSettings
@@ -32,6 +32,22 @@ def test_the_nearest_wall_is_the_nearest_wall(pair) -> None:
             assert gaps[a.nearest.wall[row, column]] == pytest.approx(gaps.min(), abs=1e-9)
         else:
             assert a.nearest.distance[row, column] == FAR_M
+
+
+def test_matches_are_those_well_below_the_second_best_in_either_direction() -> None:
+    rng = np.random.default_rng(5)
+    a = rng.integers(0, 256, (40, 32), dtype=np.uint8)
+    b = np.concatenate([a[::-2] ^ rng.integers(0, 2, (20, 32), dtype=np.uint8), a[:9], a[:5]])
+    bits = np.unpackbits(a[:, None] ^ b[None], axis=2).sum(axis=2)
+    expected = set()
+    for distances, turned in ((bits, False), (bits.T, True)):
+        for k, row in enumerate(distances):
+            best, second = np.sort(row)[:2]
+            if best < RATIO * second:
+                j = int(row.argmin())
+                expected.add((j, k) if turned else (k, j))
+    assert len(expected) > 10
+    assert [tuple(pair) for pair in _matches(a, b)] == sorted(expected)
 
 
 def test_wall_lines_are_principal_axes_of_the_wall_around(pair) -> None:
