@@ -34,3 +34,14 @@ def test_every_end_is_hit_and_every_ray_reaches_it_cell_by_cell(seed: int) -> No
     assert patch[last[1] - y0, last[0] - x0] == HIT
     assert (patch == HIT).sum() == 1
     assert (patch > 0).sum() == np.abs(last - first).sum() + 1
+
+
+def test_beams_that_graze_a_wall_do_not_eat_it() -> None:
+    """Each passes the cells in which its neighbours may have met the wall; a beam far off still clears."""
+    along = np.arange(4.0, 9.0, 0.25)
+    wall = np.column_stack([along, np.full(len(along), 0.98)])
+    patch, x0, y0 = trace(np.array([0.0, 0.01, 0.0]), wall, np.empty((0, 2)), np.zeros(2), RESOLUTION)
+    row = patch[19 - y0, int(4.0 / RESOLUTION) - x0 :]
+    assert (row == HIT).sum() == len(along)
+    assert not (row == PASSED).any()
+    assert (patch[15 - y0] == PASSED).any()

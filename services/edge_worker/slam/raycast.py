@@ -1,7 +1,8 @@
 """Counting scans into tiles: what a beam ends in is hit, what it passes is visited.
 
-A scan counts a cell once, however many of its beams meet it, and a hit wins over a pass: a grazing beam cannot
-eat the wall that its neighbour has hit. Counts are sums of whole numbers, so scans can be drawn in any order
+A scan counts a cell once, however many of its beams meet it, and a hit wins over a pass. Between the ends of two
+neighbouring beams there may be wall: the cells there count as neither. Else beams that graze a wall eat it, each
+passing several of its cells before it ends in one. Counts are sums of whole numbers, so scans can be drawn in any order
 and taken away again, and the result is the same bit for bit (until a cell saturates: then both counts freeze).
 """
 
@@ -16,7 +17,9 @@ from common.grid.grid import SATURATED
 from common.grid.sharpen import sharpened
 from services.edge_worker.slam.scan import NO_POINTS, Points
 
-PASSED, HIT = np.uint8(1), np.uint8(2)
+UNSEEN, PASSED, HIT = np.uint8(0), np.uint8(1), np.uint8(2)
+NEIGHBOURS = np.tan(np.radians(3.5))
+"""tangent of the angle within which two beams that end are neighbours; lasers have 0.25 to 2 degrees between beams"""
 
 
 class Canvas:
@@ -74,7 +77,7 @@ class Canvas:
 def trace(
     pose: NDArray[np.float64], points: Points, silent: Points, laser: NDArray[np.float64], resolution: float
 ) -> tuple[NDArray[np.uint8], int, int]:
-    """One scan on its own patch: uint8 (height, width) of 0, PASSED and HIT, and the cell (x, y) of its [0, 0].
+    """One scan on its own patch: uint8 (height, width) of UNSEEN, PASSED and HIT, and the cell (x, y) of its [0, 0].
 
     Rays run cell by cell from the laser to each end (the slab walk of Amanatides and Woo, 1987).
     """
@@ -93,21 +96,34 @@ def trace(
     height = int(np.floor(max(oy, ends[:, 1].max()))) - y0 + 1
     patch = np.zeros((height, width), np.uint8)
     for i in range(n + m):
-        _walk(patch, x0, y0, ox, oy, ends[i, 0], ends[i, 1], i >= n)
+        _walk(patch, x0, y0, (ox, oy), ends[i], PASSED)
+        if i >= n:
+            patch[int(np.floor(ends[i, 1])) - y0, int(np.floor(ends[i, 0])) - x0] = PASSED
+    for i in range(n):
+        after = (i + 1) % n
+        if _neighbours(points[i] - laser, points[after] - laser):
+            _walk(patch, x0, y0, (ends[i, 0], ends[i, 1]), ends[after], UNSEEN)
     for i in range(n):
         patch[int(np.floor(ends[i, 1])) - y0, int(np.floor(ends[i, 0])) - x0] = HIT
     return patch, x0, y0
 
 
 @njit(cache=True)
+def _neighbours(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    """Are two beams (2,) so near in angle that one surface may have stopped both?"""
+    return bool(abs(a[0] * b[1] - a[1] * b[0]) <= NEIGHBOURS * (a[0] * b[0] + a[1] * b[1]))
+
+
+@njit(cache=True)
 def _walk(
-    patch: NDArray[np.uint8], x0: int, y0: int, x: float, y: float, end_x: float, end_y: float, through: bool
+    patch: NDArray[np.uint8], x0: int, y0: int, start: tuple[float, float], end: NDArray[np.float64], mark: np.uint8
 ) -> None:
-    """Mark the cells from (x, y) to the end as passed; the last one only if `through`. All in cells of the lattice.
+    """Mark the cells from `start` to before the last one, in which `end` (2,) lies. All in cells of the lattice.
 
     Cells are found before the patch's corner is taken off: the difference of two floats may round up to a cell
     that neither lies in.
     """
+    (x, y), end_x, end_y = start, end[0], end[1]
     i, j = int(np.floor(x)) - x0, int(np.floor(y)) - y0
     last_i, last_j = int(np.floor(end_x)) - x0, int(np.floor(end_y)) - y0
     dx, dy = end_x - x, end_y - y
@@ -117,15 +133,13 @@ def _walk(
     next_i = ((i + x0 + 1 - x) if dx > 0 else (x - i - x0)) * per_i if dx != 0.0 else np.inf
     next_j = ((j + y0 + 1 - y) if dy > 0 else (y - j - y0)) * per_j if dy != 0.0 else np.inf
     for _ in range(abs(last_i - i) + abs(last_j - j)):
-        patch[j, i] = PASSED
+        patch[j, i] = mark
         if (next_i < next_j and i != last_i) or j == last_j:
             next_i += per_i
             i += step_i
         else:
             next_j += per_j
             j += step_j
-    if through:
-        patch[j, i] = PASSED
 
 
 @njit(cache=True)

@@ -1,0 +1,211 @@
+"""Trajectory error and map IoU of the SLAM kernels in all simulated scenes, and with worse or fewer sensors.
+
+    python -m bench.slam_scenes [scenes|sensors] [--seeds 5] [--kernel gmapping] [--scene apartment] [--lidar lds01]
+
+Each seed is another route of the scene, driven by another robot with other errors. The map is brought to the truth by
+the trajectory, never by itself. `true poses` draws the same scans where they were really taken, and `exact ranges` does
+so without the laser's noise: what no kernel can better with this drawing and these cells. Tables are in metres.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.evaluation.maps import score_occupancy, wall_thickness
+from common.evaluation.trajectory import absolute_error, fit_all
+from common.geometry import apply, between, compose, inverse
+from common.grid import Grid
+from common.sim import SimulatedRobot, load_scene
+from common.sim.lidar import true_ranges
+from common.sim.truth import visible_walls
+from common.sweep import Sweep
+from services.edge_worker.slam.kernel import create
+from services.edge_worker.slam.raycast import Canvas
+from services.edge_worker.slam.warmup import warmup
+from services.robot_agent.packing import pack
+
+SCENES = ("apartment", "two_rooms", "symmetric", "asymmetric", "prototype", "factory", "office")
+LIDARS = ("rplidar_a1", "lds01")
+KERNELS = ("graph", "gmapping")
+TRUE, EXACT = "true poses", "exact ranges"
+SENSORS = ("wheels+imu", "wheels", "imu", "laser")
+NOISE = ("none", "good", "worn", "slippery", "hostile")
+LONGEST_S = 300.0
+CELL_M = 0.05
+APART = 0.3
+"""m or rad between the scans that are drawn at true poses: as often as kernels keep one"""
+FAILED_M = 0.3
+"""a trajectory that is off by more than this anywhere has failed"""
+OUT = Path("results")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One robot in one scene."""
+
+    scene: str
+    lidar: str
+    seed: int
+    sensors: str = "wheels+imu"
+    noise: str = "good"
+
+    def robot(self) -> SimulatedRobot:
+        scene = load_scene(self.scene)
+        routes = list(scene.routes)
+        robot = SimulatedRobot(
+            scene,
+            routes[(self.seed - 1) % len(routes)],
+            self.seed,
+            lidar=self.lidar,
+            noise=self.noise,
+            imu="imu" in self.sensors,
+            wheels="wheels" in self.sensors,
+        )
+        robot.duration = min(robot.duration, LONGEST_S)
+        return robot
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one kernel made of a case; errors in m, walls in cells."""
+
+    case: Case
+    kernel: str
+    rms: float
+    most: float
+    iou: float
+    precision: float
+    recall: float
+    thickness: float
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", nargs="?", choices=["scenes", "sensors"], help="one of the two tables; both by default")
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--kernel", action="append", choices=KERNELS)
+    parser.add_argument("--scene", action="append", choices=SCENES)
+    parser.add_argument("--lidar", action="append", choices=LIDARS)
+    options = parser.parse_args()
+    kernels, lidars = options.kernel or KERNELS, options.lidar or LIDARS
+    seeds = range(1, options.seeds + 1)
+    OUT.mkdir(exist_ok=True)
+    warmup()
+    for what in [options.what] if options.what else ["scenes", "sensors"]:
+        if what == "scenes":
+            cases = [Case(*key) for key in product(options.scene or SCENES, lidars, seeds)]
+            columns: tuple[str, ...] = (*kernels, TRUE, EXACT)
+        else:
+            cases = [replace(case, seed=seed) for case in sensed(options.scene, lidars) for seed in seeds]
+            columns = tuple(kernels)
+        rows = list(measured(cases, columns))
+        table = markdown(rows, columns)
+        print(table, flush=True)
+        (OUT / f"slam_{what}.md").write_text(table)
+        (OUT / f"slam_{what}.json").write_text(json.dumps([asdict(row) for row in rows], indent=1))
+
+
+def sensed(scenes: list[str] | None, lidars: tuple[str, ...]) -> Iterator[Case]:
+    """The apartment (or others) with all or some sensors, good or bad; without wheels only the gyro can be bad."""
+    for scene, lidar, sensors in product(scenes or ["apartment"], lidars, SENSORS):
+        for noise in NOISE if "wheels" in sensors else ("good", "hostile") if sensors == "imu" else ("good",):
+            yield Case(scene, lidar, 0, sensors, noise)
+
+
+def measured(cases: list[Case], columns: tuple[str, ...]) -> Iterator[Row]:
+    for case in cases:
+        for column in columns:
+            yield measure(case, column)
+
+
+def measure(case: Case, kernel: str) -> Row:
+    """Let a kernel map the case, or draw it at the true poses."""
+    robot = case.robot()
+    if kernel in (TRUE, EXACT):
+        trajectory, grid = drawn(robot, exact=kernel == EXACT)
+    else:
+        slam = create(kernel, {}, case.seed)
+        for seq, sweep in enumerate(robot.sweeps()):
+            slam.process(pack(sweep, "robot", "0" * 32, seq))
+        slam.finish()
+        trajectory, grid = slam.trajectory(), slam.map()
+    truth = np.column_stack([trajectory[:, 0], robot.poses(trajectory[:, 0])])
+    error, (pose, _, _) = absolute_error([trajectory], [truth]), fit_all([trajectory], [truth])
+    occupancy, (x0, y0) = grid.occupancy()
+    walls = truth_of(replace(case, sensors="wheels+imu", noise="good"))
+    score = score_occupancy(
+        occupancy, grid.resolution, walls, origin=(x0 * grid.resolution, y0 * grid.resolution, 0.0), pose=pose
+    )
+    return Row(case, kernel, error.rmse, error.max, score.iou, score.precision, score.recall, wall_thickness(occupancy))
+
+
+@cache
+def truth_of(case: Case) -> NDArray[np.float64]:
+    """Points (n, 2) on the walls that the case's robot could see: no sensor but the laser matters."""
+    robot = case.robot()
+    return visible_walls(robot.scene, [robot], CELL_M)
+
+
+def drawn(robot: SimulatedRobot, exact: bool) -> tuple[NDArray[np.float64], Grid]:
+    """The true trajectory (n, 4) from where the robot started, as kernels have it, and the map of scans drawn there."""
+    canvas, grid = Canvas(CELL_M), Grid(CELL_M)
+    rows: list[list[float]] = []
+    last = start = robot.pose(0.0)
+    for sweep in robot.sweeps():
+        pose = between(start, robot.pose(sweep.stamp))
+        rows.append([sweep.stamp, *pose])
+        if len(rows) > 1:
+            moved = between(last, pose)
+            if max(np.hypot(moved[0], moved[1]), abs(moved[2])) < APART:
+                continue
+        last = pose
+        canvas.draw(pose, ends(robot, sweep, exact), np.zeros(2))
+    canvas.publish(grid)
+    return np.array(rows), grid
+
+
+def ends(robot: SimulatedRobot, sweep: Sweep, exact: bool) -> NDArray[np.float32]:
+    """Ends (n, 2) of the sweep's beams in the base frame at its stamp, each from where the laser was at its time."""
+    seen = np.flatnonzero(np.isfinite(sweep.ranges))
+    ranges = true_ranges(robot.scene.world, robot.lidar, robot.track, sweep.stamp, []) if exact else sweep.ranges
+    laser = compose(robot.track.turned(sweep.stamp + robot.lidar.offsets()), robot.lidar.geometry.mount)[seen]
+    bearing = laser[:, 2] + robot.lidar.angles()[seen]
+    reach = ranges[seen, None].astype(np.float64)
+    world = laser[:, :2] + reach * np.column_stack([np.cos(bearing), np.sin(bearing)])
+    kept = np.isfinite(world).all(axis=1)
+    return apply(inverse(robot.pose(sweep.stamp)), world[kept]).astype(np.float32)
+
+
+def markdown(rows: list[Row], columns: tuple[str, ...]) -> str:
+    """One line a case, all seeds together: RMS error mean (largest error; runs failed), IoU mean (worst)."""
+    kernels = [column for column in columns if column in KERNELS]
+    heads = ["scene", "laser", "sensors", "noise"]
+    heads += [f"{kernel}: {what}" for kernel in kernels for what in ("RMS", "largest", "failed", "IoU", "worst IoU")]
+    heads += [f"IoU, {column}" for column in columns if column not in KERNELS]
+    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    for key in dict.fromkeys(replace(row.case, seed=0) for row in rows):
+        cells = [key.scene, key.lidar, key.sensors, key.noise]
+        for column in columns:
+            runs = [row for row in rows if row.kernel == column and replace(row.case, seed=0) == key]
+            iou = [row.iou for row in runs]
+            if column in KERNELS:
+                failed = sum(row.most > FAILED_M for row in runs)
+                cells += [f"{np.mean([row.rms for row in runs]):.3f}", f"{max(row.most for row in runs):.3f}"]
+                cells += [f"{failed}/{len(runs)}", f"{np.mean(iou):.3f}", f"{min(iou):.3f}"]
+            else:
+                cells.append(f"{np.mean(iou):.3f}")
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    main()
