@@ -128,7 +128,7 @@ class InstanceStatus(Part):
     pending: int
     worker: int
     scan_ms: float
-    """median time of one scan"""
+    """mean time of one scan lately"""
     gaps: int
     skipped: int
     """frames of unknown kinds, or set aside as harmful"""

@@ -50,6 +50,10 @@ class Children:
                 process_group=group,
             )
 
+    def pid(self, name: str) -> int:
+        """Process id of the program of this name."""
+        return self._processes[name].pid
+
     async def watch(self) -> None:
         """Return never: raises ServiceDied as soon as a child has ended, also one that is started later."""
         while True:

@@ -26,7 +26,7 @@ class RobotMaps:
         self.delays: dict[str, deque[float]] = {}
         """robot → recent times of a frame from its hands to ours, s"""
         self.scan_s: dict[str, float] = {}
-        """robot → median time of a scan"""
+        """robot → mean time of a scan lately"""
 
     async def open(self) -> None:
         await self._bus.serve(keys.edge_robot_map(self._edge, keys.ANY), self._tiles)

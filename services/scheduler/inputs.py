@@ -93,7 +93,8 @@ class Inputs:
     def _edge_status(self, status: EdgeStatus) -> None:
         self._cores[status.edge] = max(1, status.cores)
         busy = [each for each in status.instances if each.state != "final"]
-        crowd = max(1.0, len(busy) / self.cores(status.edge))
+        at_once = min(len(busy), self.cores(status.edge))
+        crowd = max(1.0, at_once / status.cores) if status.cores > 0 else 1.0  # a scan in one worker slows no other's
         for each in busy:
             if each.scan_ms > 0:
                 recent = self._recent[each.robot, status.edge]
@@ -138,6 +139,11 @@ class Inputs:
     def _sensor(self, robot: str) -> str:
         profile = self._profiles.get(robot)
         return profile.sensor if profile is not None else ""
+
+    def sent(self, robot: str) -> int:
+        """Frames that the robot has made, by its last report."""
+        status = self._statuses.get(robot)
+        return status.sent if status is not None else 0
 
     def frame_hz(self, robot: str) -> float:
         """Frames a second that the robot makes lately; one that is paced by its edge counts as an average one."""

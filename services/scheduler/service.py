@@ -16,6 +16,7 @@ from common.heartbeat import beat
 from common.service import Stopped, until_stopped
 from common.wire import (
     Claims,
+    EdgeStatus,
     MapNotice,
     OverlapMatrix,
     Plan,
@@ -27,6 +28,7 @@ from common.wire import (
 from common.workers import Worker, WorkerError
 from services.scheduler import state as scheduling
 from services.scheduler.inputs import Inputs
+from services.scheduler.overload import Overloads
 from services.scheduler.profile import load_profile
 from services.scheduler.state import MakePlan, Publish, SchedulerState
 from services.scheduler.topology import Topology
@@ -49,6 +51,7 @@ class Scheduler:
         self.state = SchedulerState(Topology(fleet.topology), fleet.edge_ids(), fleet.bus.grace_s)
         self._worker: Worker | None = None
         self._inputs = Inputs(fleet, load_profile(fleet.scheduler.profile))
+        self._overloads = Overloads(self._inputs, 0 if fleet.robot.realtime else fleet.edge.window)
         self._sketched: dict[str, MapNotice] = {}
         self._stages: dict[str, float] = {}
         self._plans = 0
@@ -112,6 +115,22 @@ class Scheduler:
                     self._feed(scheduling.Profiled(profile, self._clock()))
                 case Claims() as claims:
                     self._feed(scheduling.Claimed((claims,), self._clock()))
+                case EdgeStatus() as status:
+                    self._relieve(status)
+
+    def _relieve(self, status: EdgeStatus) -> None:
+        """Take robots off an edge that cannot keep up; `static` leaves all where they are."""
+        self._overloads.reported(status, self._clock())
+        if self._fleet.scheduler.policy == "static" or not self.state.topology.regroups:
+            return
+        alive = self.state.alive_edges()
+        reach = {each.robot: self.state.reachable(each.robot, alive) for each in status.instances}
+        relief = self._overloads.relief(status.edge, reach)
+        if relief is None:
+            return
+        if not relief.moves:
+            self._problem(relief.reason)
+        self._feed(scheduling.Relieved(relief.moves, relief.reason, self._clock()))
 
     async def _hear_link(self) -> None:
         async for link in self._bus.watch_link():
@@ -250,7 +269,8 @@ class Scheduler:
 
     def _problem(self, text: str) -> None:
         log.warning("%s", text)
-        self._problems.append(text[:500])
+        if text[:500] not in self._problems:
+            self._problems.append(text[:500])
 
     async def _call(self, method: str, **arguments: Any) -> Any:
         if self._worker is None:

@@ -70,6 +70,16 @@ class Planned:
 
 
 @dataclass(frozen=True)
+class Relieved:
+    """An edge cannot keep up: these robots shall be run elsewhere, whatever has been planned."""
+
+    moves: Mapping[str, str]
+    """robot → edge"""
+    reason: str
+    now: float
+
+
+@dataclass(frozen=True)
 class PlanFailed:
     """The planner could not make one."""
 
@@ -88,7 +98,7 @@ class Interval:
     now: float
 
 
-Event = RobotSeen | EdgeSeen | Profiled | Linked | Claimed | Planned | PlanFailed | Tick | Interval
+Event = RobotSeen | EdgeSeen | Profiled | Linked | Claimed | Planned | Relieved | PlanFailed | Tick | Interval
 
 
 @dataclass(frozen=True)
@@ -155,6 +165,8 @@ class SchedulerState:
                 return self._claimed(claims, now)
             case Planned():
                 return self._planned(event)
+            case Relieved():
+                return self._relieved(event)
             case PlanFailed():
                 self.planning = False
                 self.counters["plans failed"] += 1
@@ -292,6 +304,21 @@ class SchedulerState:
             self.moved += slam != old.slam_edge
             moves.append(f"{robot} fused at {fuse}" + (f", run at {slam}" if slam != old.slam_edge else ""))
         return self._publish(moves) if moves else []
+
+    def _relieved(self, relief: Relieved) -> list[Instruction]:
+        alive, moves = self.alive_edges(), []
+        for robot, edge in sorted(relief.moves.items()):
+            if not self._steady(relief.now) or edge not in self.reachable(robot, alive):
+                continue
+            route = Route(slam_edge=edge, fuse_edge=self.routes[robot].fuse_edge, epoch=(self.term, self.count + 1))
+            self.routes[robot] = route
+            self.wished.pop(robot, None)
+            self.moved += 1
+            moves.append(f"{robot} run at {edge}")
+        if not moves:
+            return []
+        self.counters["edges relieved"] += 1
+        return self._publish([relief.reason, *moves])
 
     def _named(self, plan: Planned) -> list[str]:
         return [*plan.slam.values(), *plan.fuse.values()]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config import EdgeEntry, Fleet, RobotConfig, RobotEntry, SimSource
+from common.config import EdgeConfig, EdgeEntry, Fleet, RobotConfig, RobotEntry, SimSource
 from common.errors import ConfigError, UsageError
 from common.wire import (
     CloudStatus,
@@ -88,9 +88,15 @@ def test_an_edge_is_as_fast_as_its_scans_are_against_the_profile() -> None:
     )
 
 
-def test_more_instances_than_cores_do_not_make_an_edge_look_slow() -> None:
-    inputs = Inputs(fleet("e1"), Profile(slam_s={"": 0.002}))
+def test_more_workers_than_cores_do_not_make_an_edge_look_slow() -> None:
+    inputs = Inputs(fleet("e1").model_copy(update={"edge": EdgeConfig(workers=4)}), Profile(slam_s={"": 0.002}))
     inputs.hear(edge_status("e1", dict.fromkeys(("r1", "r2", "r3", "r4"), 4.0), cores=2), 1.0)
+    assert inputs.speed("e1") == pytest.approx(1.0)
+
+
+def test_robots_that_wait_for_a_worker_do_not_make_their_edge_look_fast() -> None:
+    inputs = Inputs(fleet("e1", "e2"), Profile(slam_s={"": 0.002}))
+    inputs.hear(edge_status("e1", dict.fromkeys(("r1", "r2", "r3", "r4"), 2.0), cores=2), 1.0)
     assert inputs.speed("e1") == pytest.approx(1.0)
 
 
