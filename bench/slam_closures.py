@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from common.evaluation.trajectory import absolute_error
 from common.geometry import between
+from common.geometry.pose_graph import PoseGraph
 from common.sim import SimulatedRobot, load_scene
 from services.edge_worker.slam.graph import GraphSlam
 from services.edge_worker.slam.keyframe import Keyframe
 from services.edge_worker.slam.loop_closer import Loop, LoopCloser
-from services.edge_worker.slam.pose_graph import PoseGraph
 from services.edge_worker.slam.warmup import warmup
 from services.robot_agent.packing import pack
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import between, compose
+from common.geometry.pose_graph import PoseGraph
 from common.grid import Grid
 from common.wire import Frame
 from services.edge_worker.slam import graph_settings, graph_snapshot, thinning
@@ -21,7 +22,6 @@ from services.edge_worker.slam.graph_settings import GraphSettings
 from services.edge_worker.slam.kernel import Estimate
 from services.edge_worker.slam.keyframe import Keyframe
 from services.edge_worker.slam.loop_closer import LoopCloser
-from services.edge_worker.slam.pose_graph import PoseGraph
 from services.edge_worker.slam.rendering import Rendering
 from services.edge_worker.slam.scan import Scan, ScanReader, unslipped
 from services.edge_worker.slam.tracker import Match, Tracker

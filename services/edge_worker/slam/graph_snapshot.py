@@ -13,11 +13,11 @@ import numpy as np
 import zstandard
 
 from common.errors import SnapshotRefused
+from common.geometry.pose_graph import PoseGraph
 from common.wire.arrays import EXT_ARRAY, pack_array, unpack_array
 from services.edge_worker.slam.graph_settings import GraphSettings
 from services.edge_worker.slam.keyframe import Keyframe, normals
 from services.edge_worker.slam.loop_closer import Loop, LoopCloser
-from services.edge_worker.slam.pose_graph import PoseGraph
 from services.edge_worker.slam.submap import Submap
 from services.edge_worker.slam.tracker import Tracker
 from services.edge_worker.slam.trajectory import Trajectory

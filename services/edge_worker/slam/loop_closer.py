@@ -14,11 +14,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from common.geometry import between, compose, wrap
+from common.geometry.pose_graph import PoseGraph
 from services.edge_worker.slam.branch_and_bound import search
 from services.edge_worker.slam.graph_settings import GraphSettings
 from services.edge_worker.slam.icp import align
 from services.edge_worker.slam.keyframe import Keyframe, thin
-from services.edge_worker.slam.pose_graph import PoseGraph
 from services.edge_worker.slam.scan import Points
 from services.edge_worker.slam.submap import Submap, Target, TargetCache, evidence
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import between, compose, inverse
-from services.edge_worker.slam.pose_graph import PoseGraph
+from common.geometry.pose_graph import PoseGraph
 
 PLACE_M = 1.0
 PLACE_RAD = np.pi / 2
