@@ -121,7 +121,7 @@ def drive(robot: SimulatedRobot) -> dict[str, Any]:
         "loops": len(off),
         "wrong": int(off[:, 2].sum()),
         "loop_m": np.percentile(off[:, 0], [50, 95, 100]).tolist() if len(off) else [],
-        "scale": kernel.reader.reckoning.scale,
+        "scale": kernel.reader.reckoning.wheels.scale,
     }
 
 

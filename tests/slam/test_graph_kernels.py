@@ -73,9 +73,26 @@ def test_normals_stand_on_walls_and_face_the_laser() -> None:
 
 def test_thinning_keeps_points_apart_and_no_more_than_asked() -> None:
     points = room(ORIGIN)
-    kept = thin(points, facing(points), 0.1, 1000)
-    assert np.hypot(*np.diff(points[kept], axis=0).T).min() >= 0.1
-    assert len(thin(points, facing(points), 0.0, 50)) == 50
+    kept = thin(points, facing(points), LASER, 0.2, 1000)
+    steps = np.hypot(*np.diff(points[kept], axis=0).T)
+    assert 0.15 < np.median(steps) < 0.25
+    assert len(thin(points, facing(points), LASER, 0.0, 50)) == 50
+    near = np.hypot(*points.T) < 2.2
+    assert np.isin(np.flatnonzero(~near), kept).mean() > np.isin(np.flatnonzero(near), kept).mean()
+
+
+def test_thinning_turns_no_scan() -> None:
+    """Taking the first point that is far enough from the last takes those that err away from it: a turn of 1 mrad."""
+    rng, angles = np.random.default_rng(1), np.radians(np.arange(-180, 180))
+    rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    turns = []
+    for _ in range(400):
+        ranges = 1.2 / np.maximum(np.abs(rays[:, 1]), 0.12) + rng.normal(scale=0.03, size=360)
+        points = (ranges[:, None] * rays).astype(np.float32)[np.abs(rays[:, 1]) > 0.15]
+        kept = thin(points, facing(points), LASER, 0.05, 1000)
+        x, off = points[kept, 0], points[kept, 1] - np.copysign(1.2, points[kept, 1])
+        turns.append(float(x @ off / (x @ x)))
+    assert abs(np.mean(turns)) < 3 * np.std(turns) / np.sqrt(len(turns))
 
 
 def test_surfels_hold_the_sums_of_their_points_and_the_field_their_likelihood() -> None:

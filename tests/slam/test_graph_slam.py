@@ -161,7 +161,7 @@ def test_wheels_that_err_in_distance_are_found_out() -> None:
         changed(f, odometry=f.odometry * [1.0, 1.08, 1.08, 1.0] if f.odometry is not None else None)
         for f in driven(noise="none")
     ]
-    assert run(frames).reader.reckoning.scale == pytest.approx(1 / 1.08, abs=0.01)
+    assert run(frames).reader.reckoning.wheels.scale == pytest.approx(1 / 1.08, abs=0.01)
 
 
 def test_no_submap_spans_a_break_of_tracking() -> None:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from services.edge_worker.slam.graph import GraphSlam
 
 KERNEL = "graph"
-VERSION = 2
+VERSION = 3
 MOST_BYTES = 1 << 30
 """of an unpacked body"""
 

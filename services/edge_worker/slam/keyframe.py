@@ -17,6 +17,9 @@ GAP_BASE = 0.06
 GAP_SHARE = 0.06
 MAX_ROUGHNESS = 0.03
 """m rms off the fitted line; more is no wall"""
+GRAZING = 0.05
+"""cosine of the flattest angle at which a beam is thought to meet a wall"""
+TINY = 1e-9
 
 
 @dataclass(frozen=True)
@@ -91,17 +94,26 @@ def _joined(points: Points, beams: NDArray[np.int32], laser: NDArray[np.float64]
 
 
 @njit(cache=True)
-def thin(points: Points, normals: Points, spacing: float, most: int) -> NDArray[np.int64]:
-    """Indices of points at least `spacing` metres after the one kept before; all evenly thinned to `most`."""
+def thin(points: Points, normals: Points, laser: NDArray[np.float64], spacing: float, most: int) -> NDArray[np.int64]:
+    """Indices of points on walls, on average `spacing` metres apart or as dense as they are; evenly thinned to `most`.
+
+    `points` (n, 2) and `normals` (n, 2) in the order of their beams, `laser` (2,). How far beams are apart on a wall
+    comes from the angle between them and the wall's direction, never from the distance of the points: taking the first
+    one that is far enough from the last takes those that err away from it, and turns every scan the same way.
+    """
     kept = np.empty(len(points), np.int64)
-    n = 0
+    n, share = 0, 1.0
     for i in range(len(points)):
-        if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
+        x, y = points[i, 0] - laser[0], points[i, 1] - laser[1]
+        r = np.hypot(x, y)
+        if i > 0:
+            before_x, before_y = points[i - 1, 0] - laser[0], points[i - 1, 1] - laser[1]
+            turn = abs(before_x * y - before_y * x) / max(np.hypot(before_x, before_y) * r, TINY)
+            slant = max(abs(normals[i, 0] * x + normals[i, 1] * y) / max(r, TINY), GRAZING)
+            share += r * turn / slant / max(spacing, TINY)
+        if share < 1.0 or (normals[i, 0] == 0.0 and normals[i, 1] == 0.0):
             continue
-        if n > 0:
-            k = kept[n - 1]
-            if np.hypot(points[i, 0] - points[k, 0], points[i, 1] - points[k, 1]) < spacing:
-                continue
+        share -= np.floor(share)
         kept[n] = i
         n += 1
     if n <= most:

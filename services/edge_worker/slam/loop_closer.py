@@ -211,7 +211,7 @@ class LoopCloser:
         points, normals = [], []
         for k in range(max(newest - QUERY_KEYFRAMES + 1, self.torn), newest + 1):
             frame = keyframes[k]
-            kept = thin(frame.points, frame.normals, QUERY_SPACING, MATCH_POINTS)
+            kept = thin(frame.points, frame.normals, frame.laser, QUERY_SPACING, MATCH_POINTS)
             pose = between(graph.poses[newest], graph.poses[k])
             points.append(move(frame.points[kept], pose))
             normals.append(move(frame.normals[kept], np.array([0.0, 0.0, pose[2]])))

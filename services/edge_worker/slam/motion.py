@@ -2,7 +2,7 @@
 
 Translation comes from odometry where samples cover the time, else from the velocity that the kernel last found;
 yaw comes from the gyro less its estimated bias where there is one, else from the same source as translation.
-Wheels wear and tyres lose air: by how much odometry errs in distance is learned from the matched motion.
+What is wrong with the wheels is learned from the matched motion.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from common.geometry import between, compose, interpolate, wrap
 from common.wire import Frame
+from services.edge_worker.slam.wheels import Wheels
 
 Samples = NDArray[np.float64]
 
@@ -36,16 +37,6 @@ HISTORY = 8
 """frames over which odometry may have stalled and then catches up"""
 BIAS_MEMORY_S = 20.0
 """the gyro's bias follows the matched rotation with this time constant"""
-SCALE_MEMORY_M, SCALE_BASE_M = 50.0, 5.0
-"""metres of driving that odometry's scale is learned from, at most, and before it is believed in full"""
-SCALE_LIMIT = 0.25
-"""share by which wheels can err in distance; more is slip, or a wrong match"""
-SCALE_STEP_M = 0.03
-"""shorter motion says nothing about the scale, nor does what may be a reset"""
-SPEEDS, FEWEST_SPEEDS = 9, 5
-"""frames that tell the usual speed, at most and at least"""
-SURGE_SHARE, SURGE_MPS = 1.5, 0.1
-"""share of the usual speed, and m/s over that, beyond which wheels may be slipping"""
 GYRO_LIMIT = 35.0
 """rad/s, what the usual ones can say; more is nonsense"""
 BIAS_LIMIT = 0.2
@@ -66,14 +57,7 @@ class DeadReckoning:
         """rad/s"""
         self.bias_age = 0.0
         """s of motion that the bias was learned from"""
-        self.scale = 1.0
-        """metres driven per metre that odometry tells"""
-        self.scale_m = 0.0
-        """m of motion that the scale was learned from"""
-        self.speeds = np.empty(0)
-        """m/s, what odometry told of the latest frames"""
-        self.surge = 0.0
-        """m by which odometry told more than the usual speed in the latest frame: slip, as likely as not"""
+        self.wheels = Wheels()
         self.firm = False
         """the latest frame's match held it along its motion"""
         self.at: NDArray[np.float64] | None = None
@@ -102,17 +86,18 @@ class DeadReckoning:
         self.imu = _extend(self.imu, frame.imu, start)
         self.stamp, self.dt = now, (0.0 if before is None else now - before)
         self.at = _pose_at(self.odometry, now)
-        self.surge = 0.0
         self._gyro_yaw = None
         if before is None:
             return np.zeros(3), False
-        motion = self._coasted() if self.at is None or was_at is None else self._scaled(between(was_at, self.at))
+        motion = self._coasted() if self.at is None or was_at is None else self.wheels.scaled(between(was_at, self.at))
         measured = self.at is not None and was_at is not None
         reach = JUMP_M + MAX_SPEED * min(max(self.dt, 0.0), LONGEST_S)
         if measured and not np.hypot(motion[0], motion[1]) <= reach:
             motion, measured = self._coasted(), False
-        elif measured:
-            self._watch(float(np.hypot(motion[0], motion[1])))
+        if measured and SPEED_BASE_S <= self.dt <= COAST_S:
+            motion[:2] *= self.wheels.watch(motion, self.dt)
+        else:
+            self.wheels.unwatched()
         if self.dt > 0.0 and _covers(self.imu, before, now):
             yaw = self._yaw(before, now)
             if abs(yaw) <= GYRO_LIMIT * self.dt:
@@ -132,7 +117,11 @@ class DeadReckoning:
         if _covers(self.odometry, self.stamp, self.stamp):
             track = _coasting(self.odometry)
             poses = interpolate(track[:, 0], track[:, 1:], np.append(times, self.stamp))
-            poses = self._scaled(between(poses[-1], poses[:-1]))
+            poses = self.wheels.scaled(between(poses[-1], poses[:-1]))
+            furthest = int(np.argmax(np.abs(times - self.stamp)))
+            seconds = abs(float(times[furthest]) - self.stamp)
+            if seconds >= SPEED_BASE_S:
+                poses[:, :2] *= self.wheels.believed(poses[furthest], seconds)
         else:
             poses = np.clip(times - self.stamp, -COAST_S, COAST_S)[:, None] * self.velocity
         if self._gyro_yaw is not None:
@@ -147,7 +136,7 @@ class DeadReckoning:
             travelled = self.history[0, 3:]
             for motion in self.history[1:, 3:]:
                 travelled = compose(travelled, motion)
-            others.append(between(travelled, self._scaled(between(self.history[0, :3], self.at))))
+            others.append(between(travelled, self.wheels.scaled(between(self.history[0, :3], self.at))))
         return np.array(others).reshape(-1, 3)
 
     def learn(self, motion: NDArray[np.float64], matched: bool = True, firm: bool = False) -> None:
@@ -156,7 +145,7 @@ class DeadReckoning:
         `firm`: the match held the robot along its motion, not odometry.
         """
         if firm and self.firm and self._was_at is not None and self.at is not None:
-            self._learn_scale(motion, between(self._was_at, self.at))
+            self.wheels.learn(motion, between(self._was_at, self.at))
         self.firm = firm
         if self._was_at is None or self.at is None:
             self.history = self.history[:0]
@@ -177,39 +166,12 @@ class DeadReckoning:
         velocity = self.guessed + slip
         self._take(velocity if self._gyro_yaw is None else np.append(velocity[:2], self.velocity[2]))
 
-    def _watch(self, length: float) -> None:
-        """Compare the metres that odometry told with the usual speed."""
-        if not SPEED_BASE_S <= self.dt <= COAST_S:
-            return
-        usual = float(np.median(self.speeds)) if len(self.speeds) >= FEWEST_SPEEDS else np.inf
-        if length > (SURGE_SHARE * usual + SURGE_MPS) * self.dt:
-            self.surge = length - usual * self.dt
-        self.speeds = np.append(self.speeds[1 - SPEEDS :], length / self.dt)
-
-    def _learn_scale(self, motion: NDArray[np.float64], told: NDArray[np.float64]) -> None:
-        """Compare the matched motion (3,) with what odometry told."""
-        length = float(np.hypot(told[0], told[1]))
-        if not SCALE_STEP_M <= length <= JUMP_M:
-            return
-        scale = float(motion[:2] @ told[:2]) / length**2
-        if abs(scale / self.scale - 1.0) > SCALE_LIMIT:
-            return
-        self.scale_m = min(self.scale_m + length, SCALE_MEMORY_M)
-        self.scale += min(length / max(self.scale_m, SCALE_BASE_M), 1.0) * (scale - self.scale)
-        self.scale = float(np.clip(self.scale, 1.0 - SCALE_LIMIT, 1.0 + SCALE_LIMIT))
-
-    def _scaled(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Motions (..., 3) that odometry told, in true metres."""
-        return poses * np.array([self.scale, self.scale, 1.0])
-
     def state(self) -> dict[str, Any]:
         """Everything that the next frame depends on, as msgpack and arrays take it."""
         return {
             "stamp": self.stamp,
-            "scale": self.scale,
-            "scale_m": self.scale_m,
+            "wheels": self.wheels.state(),
             "firm": self.firm,
-            "speeds": self.speeds,
             "at": self.at,
             "history": self.history,
             "odometry": self.odometry,
@@ -224,8 +186,8 @@ class DeadReckoning:
         """The inverse of `state`."""
         self = cls()
         self.stamp, self.bias, self.bias_age = state["stamp"], state["bias"], state["bias_age"]
-        self.scale, self.scale_m, self.firm = state["scale"], state["scale_m"], state["firm"]
-        self.speeds, self.at, self.history = state["speeds"], state["at"], state["history"]
+        self.wheels, self.firm = Wheels.of(state["wheels"]), state["firm"]
+        self.at, self.history = state["at"], state["history"]
         self.odometry, self.imu, self.velocity = state["odometry"], state["imu"], state["velocity"]
         return self
 

@@ -71,7 +71,7 @@ class ScanReader:
             frame.stamp,
             motion,
             measured,
-            reckoning.surge,
+            reckoning.wheels.surge,
             reckoning.turn_measured,
             reckoning.dt,
             None if measured else reckoning.guessed,

@@ -21,7 +21,7 @@ SIZE = 1024
 STALE_KEYFRAMES = 10
 """keyframes that may pile up over the window before the local map is rebuilt"""
 SPACING = 0.05
-"""m between the points of a scan that are matched"""
+"""m between the points of a scan that are matched, on average"""
 COARSE_POINTS = 90
 TURN_STEP = 0.02
 GOOD_INLIERS = 0.6
@@ -85,7 +85,7 @@ class Tracker:
         """Where the scan was taken; the frame before was at `pose`, with covariance `slack` (3, 3) in its own frame."""
         slack = turned(slack, scan.motion[2])
         facing = normals(scan.points, scan.beams, scan.laser)
-        kept = thin(scan.points, facing, SPACING, self.settings.match_points)
+        kept = thin(scan.points, facing, scan.laser, SPACING, self.settings.match_points)
         predicted, (window, prior) = compose(pose, scan.motion), self._uncertainty(scan)
         lost = Match(predicted, False, posterior(np.zeros((3, 3)), prior, slack))
         if len(kept) < self.settings.min_points:

@@ -1,0 +1,116 @@
+"""What is wrong with a robot's wheels, learned from what matching says that they should have told.
+
+Wheels wear and tyres lose air: odometry errs by a share of the distance. And wheels slip: for a moment they tell of a
+speed that no robot reaches as suddenly. What a surge tells over the usual speed is not believed then, or a corridor
+that looks the same all along grows longer with every slip.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+SCALE_MEMORY_M, SCALE_BASE_M = 50.0, 5.0
+"""metres of driving that the scale is learned from, at most, and before it is believed in full"""
+SCALE_LIMIT = 0.25
+"""share by which wheels can err in distance; more is slip, or a wrong match"""
+SCALE_STEP_M = 0.03
+"""shorter motion says nothing about the scale"""
+LONGEST_STEP_M = 1.0
+"""longer motion may be a reset"""
+SPEEDS, FEWEST_SPEEDS = 9, 5
+"""frames that tell the usual speed, at most and at least"""
+BUNCH = 3
+"""frames over which stamps that bunch make up for each other"""
+SURGE_SHARE, SURGE_MPS = 1.5, 0.1
+"""share of the usual speed, and m/s over that, beyond which wheels may be slipping"""
+ACCELERATION = 2.0
+"""m/s^2 beyond which they are"""
+
+
+class Wheels:
+    """One robot's wheels."""
+
+    def __init__(self) -> None:
+        self.scale = 1.0
+        """metres driven per metre that odometry tells"""
+        self.scale_m = 0.0
+        """m of motion that the scale was learned from"""
+        self.steps = np.empty((0, 2))
+        """(k, 2) of the latest frames: m ahead (behind: negative), and s"""
+        self.surge = 0.0
+        """m by which odometry told more than the usual speed in the latest frame: slip, as likely as not"""
+        self.slipping = False
+        """the surge came too suddenly to be anything else"""
+
+    def scaled(self, told: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Motions (..., 3) that odometry told, in true metres."""
+        return told * np.array([self.scale, self.scale, 1.0])
+
+    def watch(self, motion: NDArray[np.float64], dt: float) -> float:
+        """Compare the next frame's motion (3,) over `dt` s with the usual speed; the share of it to be believed."""
+        step = _ahead(motion)
+        self.surge = self._excess(step, dt)
+        self.slipping = self.surge > 0.0 and self._sudden(step / dt)
+        self.steps = np.vstack([self.steps[1 - SPEEDS :], (step, dt)])
+        return 1.0 - self.surge / abs(step) if self.slipping else 1.0
+
+    def believed(self, motion: NDArray[np.float64], dt: float) -> float:
+        """The share to be believed of a motion (3,) within a sweep of `dt` s, begun after the latest frame."""
+        step = _ahead(motion)
+        surge = self._excess(step, dt)
+        return 1.0 - surge / abs(step) if surge > 0.0 and self._sudden(step / dt) else 1.0
+
+    def unwatched(self) -> None:
+        """The next frame tells no speed: its motion was not measured, or its stamp is too near or too far."""
+        self.surge, self.slipping = 0.0, False
+
+    def learn(self, motion: NDArray[np.float64], told: NDArray[np.float64]) -> None:
+        """Compare the matched motion (3,), held by the walls alone, with what odometry told."""
+        length = float(np.hypot(told[0], told[1]))
+        if not SCALE_STEP_M <= length <= LONGEST_STEP_M:
+            return
+        scale = float(motion[:2] @ told[:2]) / length**2
+        if abs(scale / self.scale - 1.0) > SCALE_LIMIT:
+            return
+        self.scale_m = min(self.scale_m + length, SCALE_MEMORY_M)
+        self.scale += min(length / max(self.scale_m, SCALE_BASE_M), 1.0) * (scale - self.scale)
+        self.scale = float(np.clip(self.scale, 1.0 - SCALE_LIMIT, 1.0 + SCALE_LIMIT))
+
+    def state(self) -> dict[str, Any]:
+        """Everything, as msgpack and arrays take it."""
+        return dict(vars(self))
+
+    @classmethod
+    def of(cls, state: dict[str, Any]) -> Wheels:
+        """The inverse of `state`."""
+        self = cls()
+        for name in vars(self):
+            setattr(self, name, state[name])
+        return self
+
+    def _excess(self, step: float, dt: float) -> float:
+        """m by which the next frame, and it together with those before it, surpass the usual speed."""
+        if len(self.steps) < FEWEST_SPEEDS:
+            return 0.0
+        usual = float(np.median(self.steps[:, 0] / self.steps[:, 1]))
+        way = 1.0 if usual >= 0.0 else -1.0
+        if step * way <= (SURGE_SHARE * abs(usual) + SURGE_MPS) * dt:
+            return 0.0
+        over = np.append((self.steps[1 - BUNCH :] @ (1.0, -usual)), step - usual * dt) * way
+        return max(float(np.cumsum(over[::-1]).min()), 0.0)
+
+    def _sudden(self, speed: float) -> bool:
+        """Does a surging speed come of slip? Wheels that slip go on slipping; a robot that stood may have started."""
+        usual = float(np.median(self.steps[:, 0] / self.steps[:, 1]))
+        step, dt = self.steps[-1]
+        sudden = abs(speed - float(step / dt)) > ACCELERATION * float(dt)
+        return abs(usual) > SURGE_MPS and (self.slipping or sudden)
+
+
+def _ahead(motion: NDArray[np.float64]) -> float:
+    """Metres of a motion (3,), negative for one backwards."""
+    length = float(np.hypot(motion[0], motion[1]))
+    return -length if motion[0] < 0.0 else length
