@@ -24,7 +24,7 @@ from bench.results import append, show
 from common.bus import Bus, Router, keys
 from common.config import EdgeEntry, Fleet, RobotConfig, RobotEntry, SchedulerConfig, SimSource
 from common.errors import UsageError
-from common.wire import EdgeStatus, GlobalMapNotice, RobotStatus, Routes
+from common.wire import EdgeStatus, EndOfStream, GlobalMapNotice, RobotStatus, Routes
 from services.command import fleets
 from services.command.children import Children
 from services.command.run_folder import RunFolder
@@ -64,6 +64,7 @@ class Watched:
         self.maps: list[GlobalMapNotice] = []
         self.edges: dict[str, EdgeStatus] = {}
         self.robots: dict[str, RobotStatus] = {}
+        self.ends: dict[str, int] = {}
         self.begin = time.monotonic()
         self.news = asyncio.Event()
 
@@ -78,6 +79,8 @@ class Watched:
                     self.edges[status.edge] = status
                 case RobotStatus() as status:
                     self.robots[status.robot] = status
+                case EndOfStream() as end:
+                    self.ends[end.robot] = end.last_seq
             self.news.set()
 
     def now(self) -> float:
@@ -125,7 +128,8 @@ async def cluster(fleet: Fleet, out: Path) -> AsyncIterator[Watched]:
         asyncio.TaskGroup() as tasks,
     ):
         watched = Watched(bus, children)
-        heard = (keys.SCHEDULER_ROUTES, keys.CLOUD_MAP, keys.edge_status(keys.ANY), keys.robot_status(keys.ANY))
+        of_robots = (keys.robot_status(keys.ANY), keys.robot_end(keys.ANY))
+        heard = (keys.SCHEDULER_ROUTES, keys.CLOUD_MAP, keys.edge_status(keys.ANY), *of_robots)
         listening = [tasks.create_task(watched.hear(key)) for key in heard]
         listening.append(tasks.create_task(children.watch()))
         for program in programs(fleet, folder.spool):
@@ -215,7 +219,7 @@ async def moving(policy: str, out: Path) -> dict[str, Any]:
 
 def missing(seen: Watched, final: GlobalMapNotice) -> int:
     """Frames that robots have made and the final map has not."""
-    return sum(status.sent - 1 - final.covers[robot].seq for robot, status in seen.robots.items())
+    return sum(last - final.covers[robot].seq for robot, last in seen.ends.items())
 
 
 def family(pid: int) -> set[int]:

@@ -135,6 +135,7 @@ class SyntheticCluster:
             hysteresis=config.hysteresis,
             fusion=self.inputs.fusion(),
             horizon=config.horizon_s / self.fleet.edge.map_every_s,
+            noise=self.inputs.noise(),
         )
 
     def report(self) -> None:

@@ -25,6 +25,7 @@ from common.wire import (
     Transforms,
 )
 from services.scheduler.links import Links, as_stated
+from services.scheduler.noise import Noise
 from services.scheduler.profile import Profile
 from services.scheduler.regression import FusionTimes
 
@@ -66,6 +67,7 @@ class Inputs:
         """sensor → usual seconds of a scan at speed 1; made with `_speeds`"""
         self._links = Links({entry.id: entry.bandwidth_mbps * 1e6 / 8 for entry in fleet.edges})
         self._fusions = FusionTimes(profile.fusion)
+        self._noise = Noise()
 
     def hear(self, message: Message, now: float) -> None:
         match message:
@@ -80,10 +82,12 @@ class Inputs:
             case MapNotice():
                 self.notices[message.robot, message.edge] = message
                 self._links.frames_delayed(message.robot, message.edge, message.transfer_s)
+                self._noise.took("transfer", (message.robot, message.edge), message.transfer_s)
             case EdgeMapNotice():
                 known = message.edge in self._speeds  # to measure anew at each map would cost maps x robots
                 speed = self._speed_known(message.edge) if known else self.speed(message.edge)
                 self._fusions.took(len(message.covers), message.area_m2, message.fuse_s * speed)
+                self._noise.took("fuse", (message.edge, len(message.covers)), message.fuse_s)
             case CloudStatus():
                 for link in message.links:
                     self._links.uplink_measured(link)
@@ -100,6 +104,7 @@ class Inputs:
                 recent = self._recent[each.robot, status.edge]
                 recent.append(each.scan_ms / 1e3 / crowd)
                 self._scans[each.robot, status.edge] = median(recent)
+                self._noise.took("slam", (each.robot, status.edge), each.scan_ms)
                 self._speeds_are_old = True
         for link in status.links:
             self._links.measured(status.edge, link)
@@ -204,6 +209,10 @@ class Inputs:
         model = self._fusions.model
         return [model.map_s, model.pair_s, model.m2_s]
 
+    def noise(self) -> dict[str, float]:
+        """Standard deviation of a report of each stage's time, as a share of it."""
+        return self._noise.shares()
+
     def figures(self, edges: Sequence[str]) -> dict[str, float]:
         """For the status."""
         return {
@@ -211,5 +220,6 @@ class Inputs:
             **{f"uplink {edge} bytes/s": self._links.uplink(edge) for edge in edges},
             **dict(itertools.islice(self._links.figures(), SHOWN)),
             **dict(zip(("fusion s/map", "fusion s/pair", "fusion s/m2"), self.fusion(), strict=True)),
+            **{f"noise of {stage}": share for stage, share in sorted(self.noise().items())},
             "fusions seen": float(len(self._fusions)),
         }

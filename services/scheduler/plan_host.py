@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,9 @@ from common.geometry.se2 import compose
 from common.grid.raster import Raster
 from common.grid.tiles import decode_occupancy
 from common.wire import OverlapMatrix, Transforms, decode, encode
-from services.scheduler.costs import FusionModel, Problem, predict
-from services.scheduler.graph import cut, quantise
+from services.scheduler.costs import FusionModel, Ints, Problem, predict
+from services.scheduler.graph import Weights, cut, quantise
+from services.scheduler.grouping import balanced_grouping
 from services.scheduler.overlap import (
     Footprint,
     Overlap,
@@ -20,13 +22,16 @@ from services.scheduler.overlap import (
     lattice_cells,
     overlap_matrix,
 )
-from services.scheduler.policies import SLACK, plan
+from services.scheduler.policies import plan
 from services.scheduler.regrouping import relabelled
+from services.scheduler.settling import settle
 
 MAP_BYTES_PER_M2 = 380.0
 """of compressed tiles, measured on a robot map of the apartment (329 scans, 76 m2 known)"""
 MATRIX_ROBOTS = 512
 """with more robots the overlap matrix is not shown: it would hold up everything else (and 1024 fill a message)"""
+SETTLING = 0.3
+"""share of the time budget, on top of it, for regrouping by overlap"""
 SENSOR_M = 8.0
 """reach of a laser whose profile does not say"""
 
@@ -54,13 +59,14 @@ class PlanHost:
         hysteresis: float,
         fusion: list[float],
         horizon: float,
+        noise: dict[str, float],
     ) -> dict[str, Any]:
         """An assignment of the robots to the edges, compared with the present one, and the overlap matrix.
 
         `robots`: name, reach (list of edge names or None), start, range_max, frame_bytes, bandwidth (one an edge),
         slam_s, pack_s, move_s (to build its map anew elsewhere), slam, fuse; `edges`: name, speed, bandwidth, cores;
-        `fusion`: the three coefficients of the model; `horizon`: rounds over which a move must pay off. Times and bytes
-        are those of one round.
+        `fusion`: the three coefficients of the model; `horizon`: rounds over which a move must pay off; `noise`: of
+        what is measured, as shares, by stage. Times and bytes are those of one round.
         """
         world = decode(transforms) if transforms is not None else None
         footprints = [self._footprint(robot, world if isinstance(world, Transforms) else None) for robot in robots]
@@ -68,12 +74,23 @@ class PlanHost:
         problem = make_problem(robots, edges, overlap.weights, footprints, FusionModel(*fusion), horizon)
         made = plan(problem, policy, budget_s=budget_s, kappa=kappa, tau=tau)
         names = [edge["name"] for edge in edges]
-        present = np.array([names.index(robot["fuse"]) if robot["fuse"] in names else -1 for robot in robots])
-        slam = made.slam if policy == "recslam" else problem.current_slam
-        fuse = relabelled(made.fuse, present, problem.reachable) if policy != "recslam" else made.fuse
         weights = quantise(problem.weights)
-        keep = self._is_good_enough(problem, policy, fuse, slam, present, hysteresis)
-        chosen_fuse, chosen_slam = (present, problem.current_slam) if keep else (fuse, slam)
+        if policy == "recslam":
+            begin = time.perf_counter()
+            chosen = settle(
+                problem,
+                weights,
+                made.slam,
+                made.fuse,
+                lambda: balanced_grouping(weights, len(edges), kappa, tau),
+                noise,
+                hysteresis,
+                lambda: (time.perf_counter() - begin) / (SETTLING * budget_s),
+            )
+            chosen_slam, chosen_fuse, why = chosen
+        else:
+            chosen_slam = problem.current_slam
+            chosen_fuse, why = self._regrouped(problem, weights, made.fuse, hysteresis)
         prediction = predict(problem, chosen_slam, chosen_fuse)
         groups = {name: [robots[v]["name"] for v in np.flatnonzero(chosen_fuse == e)] for e, name in enumerate(names)}
         total = float(weights.sum()) / 2
@@ -93,34 +110,24 @@ class PlanHost:
                 **{f"{stage.what} {stage.where}": stage.seconds for stage in prediction.critical},
             },
             "alternative": made.alternative,
-            "reason": ("kept: nothing better by enough; " if keep else "") + made.reason,
+            "reason": f"{why}; {made.reason}" if why else made.reason,
             "seconds": made.seconds,
             "overlap": encode(_shown(overlap)) if len(robots) <= MATRIX_ROBOTS else None,
         }
 
-    def _is_good_enough(
-        self,
-        problem: Problem,
-        policy: str,
-        fuse: np.ndarray,
-        slam: np.ndarray,
-        present: np.ndarray,
-        hysteresis: float,
-    ) -> bool:
-        """Whether the present assignment stays: the new one is not better by the share `hysteresis`."""
-        if (present < 0).any() or (problem.current_slam < 0).any():
-            return False
-        if np.array_equal(fuse, present) and np.array_equal(slam, problem.current_slam):
-            return True
-        weights = quantise(problem.weights)
-        closer = float(cut(weights, present)) - float(cut(weights, fuse)) > hysteresis * float(weights.sum()) / 2
-        if policy == "recslam":
-            now, new = (predict(problem, *each).total for each in ((problem.current_slam, present), (slam, fuse)))
-            return new > (1 - hysteresis) * now and not (closer and new <= (1 + SLACK) * now)
-        sizes = np.bincount(present, minlength=len(problem.edges))
-        if sizes.max() - sizes.min() > 1:
-            return False
-        return not closer
+    def _regrouped(self, problem: Problem, weights: Weights, fuse: Ints, hysteresis: float) -> tuple[Ints, str]:
+        """Fusing edges of the groups of a policy that does not look at time, or the present ones, and why these.
+
+        They stay when they are of even sizes and the others' cut is not smaller by the share `hysteresis`.
+        """
+        present = problem.current_fuse
+        fuse = relabelled(fuse, present, problem.reachable)
+        sizes = np.bincount(np.maximum(present, 0), minlength=len(problem.edges))
+        if (present < 0).any() or sizes.max() - sizes.min() > 1:
+            return fuse, ""
+        if float(cut(weights, present) - cut(weights, fuse)) > hysteresis * float(weights.sum()) / 2:
+            return fuse, ""
+        return present, "kept: no grouping is closer by enough"
 
     def _footprint(self, robot: dict[str, Any], world: Transforms | None) -> Footprint:
         name = robot["name"]

@@ -24,30 +24,46 @@ def closest(
     groups: Groups,
     bound: float,
     spent: Callable[[], float],
+    most: Ints | None = None,
 ) -> Ints:
-    """(V,) fusing edges of the smallest cut that is reached from `fuse` or from these groups within the bound."""
+    """(V,) fusing edges of the smallest cut that is reached from `fuse` or from these groups within the bound.
+
+    `most`: (E,) robots that a move may bring an edge to; swaps leave sizes as they are.
+    """
     every, named = np.arange(len(fuse)), relabelled(groups, fuse, problem.reachable)
     starts = [fuse, np.where(problem.reachable[every, named], named, fuse)]
     within = [each for each in starts if predict(problem, slam, each).total <= bound]
-    found = [closer(problem, weights, slam, each, bound, spent) for each in within]
+    found = [closer(problem, weights, slam, each, bound, spent, most) for each in within]
     return min(found, key=lambda each: cut(weights, each))
 
 
 def closer(
-    problem: Problem, weights: Weights, slam: Ints, fuse: Ints, bound: float, spent: Callable[[], float]
+    problem: Problem,
+    weights: Weights,
+    slam: Ints,
+    fuse: Ints,
+    bound: float,
+    spent: Callable[[], float],
+    most: Ints | None = None,
 ) -> Ints:
     """(V,) fusing edges of a smaller cut (Eq. 5) with a predicted t_c of at most `bound`; `slam` stays.
 
     Steepest descent over moves of one robot and swaps of two, while `spent()` is below 1.
     """
     fuse = fuse.copy()
-    while spent() < 1 and (better := _step(problem, weights, slam, fuse, bound, spent)) is not None:
+    while spent() < 1 and (better := _step(problem, weights, slam, fuse, bound, spent, most)) is not None:
         fuse = better
     return fuse
 
 
 def _step(
-    problem: Problem, weights: Weights, slam: Ints, fuse: Ints, bound: float, spent: Callable[[], float]
+    problem: Problem,
+    weights: Weights,
+    slam: Ints,
+    fuse: Ints,
+    bound: float,
+    spent: Callable[[], float],
+    most: Ints | None,
 ) -> Ints | None:
     """The change that lowers the cut the most within the bound."""
     robots, edges = len(fuse), len(problem.edges)
@@ -59,10 +75,11 @@ def _step(
     gain[every, fuse] = 0.0
     swap = gain[:, fuse] + gain[:, fuse].T - 2 * weights
     swap = np.where(np.isfinite(swap) & (fuse[:, None] < fuse[None, :]), swap, 0.0)
-    moves = np.stack([*np.nonzero(gain > 0), np.full((gain > 0).sum(), -1)], axis=1)
+    moving = gain > 0 if most is None else (gain > 0) & (member.sum(axis=0) < most)
+    moves = np.stack([*np.nonzero(moving), np.full(moving.sum(), -1)], axis=1)
     firsts, seconds = np.nonzero(swap > 0)
     swaps = np.stack([firsts, fuse[seconds], seconds], axis=1)
-    gains = np.concatenate([gain[gain > 0], swap[firsts, seconds]])
+    gains = np.concatenate([gain[moving], swap[firsts, seconds]])
     changes = np.concatenate([moves, swaps])
     for robot, edge, other in changes[np.argsort(-gains, kind="stable")]:
         if spent() >= 1:

@@ -239,6 +239,7 @@ class Scheduler:
             hysteresis=config.hysteresis,
             fusion=inputs.fusion(),
             horizon=config.horizon_s / self._fleet.edge.map_every_s,
+            noise=inputs.noise(),
         )
         return made
 

@@ -14,7 +14,15 @@ from services.scheduler.plan_host import PlanHost
 from services.scheduler.regrouping import relabelled
 
 EDGES = [{"name": name, "speed": 1.0, "bandwidth": 1e8, "cores": 2} for name in ("e1", "e2")]
-POLICY = {"budget_s": 0.02, "kappa": 20, "tau": 5, "hysteresis": 0.1, "fusion": [0.03, 0.02, 2e-4], "horizon": 10.0}
+POLICY = {
+    "budget_s": 0.02,
+    "kappa": 20,
+    "tau": 5,
+    "hysteresis": 0.1,
+    "fusion": [0.03, 0.02, 2e-4],
+    "horizon": 10.0,
+    "noise": {},
+}
 
 
 def robot(name: str, at: tuple[float, float] | None, edge: str, reach: list[str] | None = None) -> dict[str, Any]:
