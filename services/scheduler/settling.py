@@ -15,7 +15,6 @@ import numpy as np
 
 from services.scheduler.costs import Ints, Prediction, Problem, predict
 from services.scheduler.graph import Groups, Weights, cut
-from services.scheduler.policies import SLACK
 from services.scheduler.regrouping import closest
 
 SURE = 2.0
@@ -54,7 +53,7 @@ def settle(
     hysteresis: float,
     spent: Callable[[], float],
 ) -> Settled:
-    """The plan (slam, fuse), both (V,), if it is better than the present one by more than noise and `hysteresis`.
+    """The plan (slam, fuse), both (V,), if it is better than the present one by more than noise and by `hysteresis`.
 
     Otherwise SLAM stays, and fusing edges too, unless within the noise there is a grouping, no less even than the
     present one or `groups`, of a cut smaller by the share `hysteresis` of all overlap.
@@ -64,8 +63,8 @@ def settle(
         return Settled(slam, fuse, "")
     best = predict(problem, slam, fuse)
     now = predict(problem, problem.current_slam, present).total
-    tie = max(SLACK * best.total, blur(best, noise))
-    if now - best.total > max(hysteresis * now, tie):
+    tie = max(hysteresis * now, blur(best, noise))
+    if now - best.total > tie:
         return Settled(slam, fuse, "")
     count = len(problem.edges)
     most = np.maximum(np.bincount(present, minlength=count), math.ceil(len(present) / count))
