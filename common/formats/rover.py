@@ -23,6 +23,8 @@ METRES_PER_TICK = 2 * math.pi * 0.077 / 2000
 AXLE_M = 2 * 0.165
 STEP = 2 * math.pi / 1024
 """rad between beams of a URG-04LX, the middle one straight ahead"""
+TURN_S = 0.1
+"""s in which a URG-04LX looks around once"""
 RANGE_MIN_M, RANGE_MAX_M = 0.02, 5.6
 MOUNT = (0.145, 0.0, 0.0)
 FIRST_RANGE = 24
@@ -100,4 +102,5 @@ def dead_reckon(ticks: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _geometry(beams: int) -> LaserGeometry:
-    return LaserGeometry(-STEP * (beams - 1) / 2, STEP, RANGE_MIN_M, RANGE_MAX_M, 0.0, MOUNT)
+    time_increment = TURN_S * STEP / (2 * math.pi)
+    return LaserGeometry(-STEP * (beams - 1) / 2, STEP, RANGE_MIN_M, RANGE_MAX_M, time_increment, MOUNT)

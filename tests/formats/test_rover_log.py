@@ -33,6 +33,7 @@ def test_a_row_becomes_a_sweep(tmp_path):
     np.testing.assert_allclose(second.odometry, [[2.6, WHEEL, 0, 0]])
     assert first.geometry.mount == (0.145, 0, 0)
     assert first.geometry.angle_min == pytest.approx(-1.5 * first.geometry.angle_increment)
+    assert first.geometry.time_increment == pytest.approx(0.1 / 1024)
 
 
 def test_wheels_turning_apart_turn_the_rover_on_the_spot():
