@@ -62,6 +62,8 @@ class EdgeConfig(Section):
     """frames a robot may be ahead of what is processed"""
     map_every_s: Annotated[float, Field(gt=0)] = 2.0
     """how often changed robot maps are published and fused"""
+    scan_limit_s: Annotated[float, Field(gt=0)] = 20.0
+    """a SLAM worker that spends longer on one scan is taken for stuck and replaced; waiting for a processor is free"""
     grace_s: Annotated[float, Field(ge=0)] = 30.0
     """how long the instance of a vanished robot is kept"""
 

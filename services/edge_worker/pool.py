@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import itertools
 import logging
 from collections.abc import Callable
 from typing import Any
 
 from common.errors import WorkerDied
 from common.workers import Worker, WorkerError
+from services.edge_worker.patience import Patience, activity
 
 TARGET = "services.edge_worker.slam.host:SlamHost"
 
 RETRY_S = 1.0
+LOOK_S = 0.5
+LIMITED = "process"
+"""the call that may not take for ever: one scan"""
 
 log = logging.getLogger(__name__)
 
@@ -20,12 +26,19 @@ log = logging.getLogger(__name__)
 class Pool:
     """`size` workers by number, and one spare.
 
-    `on_death(number)` is called on the loop once a worker has died and another stands under its number.
+    `on_death(number, how)` is called on the loop once a worker has died and another stands under its number. A worker
+    that spends more than `limit_s` on one scan is killed.
     """
 
-    def __init__(self, size: int, kernel: str, on_death: Callable[[int], None]) -> None:
-        self._size, self._kernel, self._on_death = size, kernel, on_death
+    def __init__(
+        self, size: int, kernel: str, limit_s: float, on_death: Callable[[int, str], None], target: str = TARGET
+    ) -> None:
+        self._size, self._kernel, self._limit_s, self._on_death = size, kernel, limit_s, on_death
+        self._target = target
         self._workers: list[Worker] = []
+        self._calls: dict[Worker, dict[int, str]] = {}
+        """worker → calls that it has not answered, in order: number → method"""
+        self._numbers = itertools.count()
         self._spare: asyncio.Task[Worker] | None = None
         self._guards: set[asyncio.Task[None]] = set()
         self._closing = False
@@ -39,7 +52,13 @@ class Pool:
 
     async def call(self, number: int, method: str, /, **arguments: Any) -> Any:
         """Call a method of the worker with this number. Raises WorkerError, or WorkerDied."""
-        return await self._workers[number].call(method, **arguments)
+        worker, turn = self._workers[number], next(self._numbers)
+        calls = self._calls.setdefault(worker, {})
+        calls[turn] = method
+        try:
+            return await worker.call(method, **arguments)
+        finally:
+            del calls[turn]
 
     def pids(self) -> list[int]:
         return [worker.process.pid for worker in self._workers]
@@ -58,7 +77,7 @@ class Pool:
         await asyncio.gather(*(worker.close() for worker in self._workers))
 
     async def _warm_worker(self) -> Worker:
-        worker = await Worker.start(TARGET)
+        worker = await Worker.start(self._target)
         try:
             await worker.call("warm", kernel=self._kernel)
         except BaseException:
@@ -73,12 +92,29 @@ class Pool:
     async def _replace_when_dead(self, number: int) -> None:
         while not self._closing:
             worker = self._workers[number]
-            await worker.gone.wait()
-            log.error("SLAM worker died", extra={"worker": number, "code": worker.process.returncode})
+            how = await self._until_gone(worker)
+            self._calls.pop(worker, None)
+            log.error("SLAM worker died", extra={"worker": number, "how": how})
             self._workers[number] = await self._next_worker()
             if self._spare is None:
                 self._spare = asyncio.create_task(self._warm_worker(), name="spare worker")
-            self._on_death(number)
+            self._on_death(number, how)
+
+    async def _until_gone(self, worker: Worker) -> str:
+        """How it ended; one that is stuck on a scan is ended."""
+        patience, how = Patience(self._limit_s), ""
+        while not worker.gone.is_set():
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(worker.gone.wait(), LOOK_S)
+            turn, method = next(iter(self._calls.get(worker, {}).items()), (None, ""))
+            seen = activity(worker.process.pid)
+            if seen is None or worker.gone.is_set():
+                continue
+            if patience.stuck(turn if method == LIMITED else None, seen, asyncio.get_running_loop().time()):
+                how = f"killed: it spent more than {self._limit_s:g} s on one scan"
+                worker.process.kill()
+                await worker.gone.wait()
+        return how or f"ended with code {worker.process.returncode}"
 
     async def _next_worker(self) -> Worker:
         """The spare, or another one; what cannot be started is tried again."""

@@ -65,7 +65,7 @@ class EdgeWorker:
         self._fleet, self.edge, self._bus, self._stop = fleet, edge, bus, stop
         self.state = EdgeState(edge, workers, fleet.edge.window, first_life=secrets.randbits(31))
         self.links = LinkMeter()
-        self._pool = Pool(workers, fleet.slam.kernel, lambda number: self._feed(slam.WorkerDied(number)))
+        self._pool = Pool(workers, fleet.slam.kernel, fleet.edge.scan_limit_s, self._worker_died)
         self._fusion = Fusion(fleet, edge, bus, self.links)
         self.maps = RobotMaps(edge, self.state, self._pool, bus)
         self._frames: dict[str, Stream[Received]] = {}
@@ -169,6 +169,10 @@ class EdgeWorker:
 
     def _start(self, work: Coroutine[Any, Any, None], name: str) -> None:
         self._tasks.create_task(work, name=name)
+
+    def _worker_died(self, number: int, how: str) -> None:
+        self._report.problem(f"SLAM worker {number} {how}; its robots' maps are made anew")
+        self._feed(slam.WorkerDied(number))
 
     async def _open_instance(self, step: Open) -> None:
         slam_config = self._fleet.slam
