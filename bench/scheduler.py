@@ -1,14 +1,13 @@
 """Scheduling: cuts, run times, completion times of the policies, overlaps, and answers while planning.
 
 Run: python -m bench.scheduler [--quick] [--part NAME] [--tasks N]. Times are CPU seconds of this process, compilation
-apart; ratios are medians over seeds. Each part is put into results/scheduler.json beside the others.
+apart. Each part is put into results/scheduler.json beside the others.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
-import dataclasses
 import itertools
 import time
 from collections.abc import Callable
@@ -20,17 +19,16 @@ from bench.lines import draw_lines
 from bench.overlap_error import overlap_error
 from bench.responsiveness import responsiveness
 from bench.results import RESULTS, append, show
-from bench.scheduler_graphs import FAMILIES, REGIMES, graph, problem
+from bench.scheduler_graphs import FAMILIES, graph, problem
 from bench.scheduler_peers import kernighan_lin, metis
+from bench.scheduler_times import KAPPA, TAU, completion, planned
 from services.scheduler.baselines import greedy_grouping, random_balanced_grouping
-from services.scheduler.costs import FusionModel, Problem, predict
 from services.scheduler.cut import least_cut
 from services.scheduler.graph import Groups, Weights, cut
 from services.scheduler.grouping import balanced_grouping, initial_grouping
-from services.scheduler.policies import POLICIES, plan
+from services.scheduler.policies import POLICIES
 from services.scheduler.tabu import tabu_search
 
-KAPPA, TAU = 100, 10
 SEARCH_S = 0.5
 LONG_S = 4.0
 Grouping = Callable[[Weights, int], Groups]
@@ -122,77 +120,12 @@ def growth(quick: bool) -> list[dict[str, Any]]:
     return rows
 
 
-def perturbed(task: Problem, rng: np.random.Generator) -> Problem:
-    """The world as it turns out: every stage takes up to 30 % more or less than the predictor thinks."""
-
-    def off(values: np.ndarray) -> np.ndarray:
-        return np.asarray(values * rng.uniform(0.7, 1.3, np.shape(values)))
-
-    model = FusionModel(*(float(off(np.array(each))) for each in dataclasses.astuple(task.fusion)))
-    return dataclasses.replace(
-        task,
-        robot_bandwidth=off(task.robot_bandwidth),
-        edge_bandwidth=off(task.edge_bandwidth),
-        speed=off(task.speed),
-        slam_s=off(task.slam_s),
-        pack_s=off(task.pack_s),
-        fusion=model,
-    )
-
-
-def completion(quick: bool, tasks: int = 0) -> list[dict[str, Any]]:
-    """t_c of each policy over that of a long search, as predicted and as it turns out, by how unequal the edges are.
-
-    `tasks` instances a cell (0: one for each family and regime).
-    """
-    sizes = [(6, 3), (10, 3), (20, 4), (50, 5)] + ([] if quick else [(50, 8)])
-    unequal = [(1, 1), (2, 5), (4, 10), (8, 20)]
-    regimes = ["balanced"] if quick else list(REGIMES)
-    rows = []
-    for (robots, edges), (speeds, links) in itertools.product(sizes, unequal):
-        guessed: dict[str, list[float]] = {}
-        true: dict[str, list[float]] = {}
-        kinds = list(itertools.product(("floor", "floors"), regimes))
-        for number in range(tasks or len(kinds)):
-            family, regime = kinds[number % len(kinds)]
-            task = problem(family, robots, edges, number, speeds=speeds, links=links, regime=regime)
-            world = perturbed(task, np.random.default_rng(number))
-            plans = {name: planned(task, name, SEARCH_S) for name in POLICIES}
-            best = min(
-                planned(task, "recslam", LONG_S / 2, seed).prediction.total for seed in ((1,) if tasks else (1, 2))
-            )
-            best = min([best, *(each.prediction.total for each in plans.values())])
-            ours = predict(world, plans["recslam"].slam, plans["recslam"].fuse).total
-            for name, each in plans.items():
-                guessed.setdefault(name, []).append(each.prediction.total / best)
-                true.setdefault(name, []).append(predict(world, each.slam, each.fuse).total / ours)
-        for name in guessed:
-            rows.append(
-                {
-                    "robots": robots,
-                    "edges": edges,
-                    "speeds": speeds,
-                    "links": links,
-                    "policy": name,
-                    "tasks": len(guessed[name]),
-                    "predicted_over_best": float(np.median(guessed[name])),
-                    "true_over_recslam": float(np.median(true[name])),
-                }
-            )
-        show(rows[-len(guessed) :])
-    return rows
-
-
-def planned(task: Problem, policy: str, budget_s: float, seed: int = 0) -> Any:
-    return plan(task, policy, budget_s=budget_s, kappa=KAPPA, tau=TAU, seed=seed, clock=time.process_time)
-
-
 def latency(quick: bool) -> list[dict[str, Any]]:
     """CPU time of a whole plan by policy `paper`, with prediction and reasons."""
     rows = []
     for robots, edges in ((10, 3), (20, 4), (50, 5)):
         task = problem("floor", robots, edges, 0, speeds=4, links=4)
-        spent = [timed(planned, task, "paper", 1.0)[1] for _ in range(5 if quick else 25)]
+        spent = [timed(planned, task, "paper", 1.0, 0)[1] for _ in range(5 if quick else 25)]
         rows.append({"robots": robots, "edges": edges, "paper plan ms": 1e3 * float(np.median(spent))})
         show(rows[-1:])
     return rows
@@ -224,7 +157,7 @@ PARTS: dict[str, Callable[..., list[dict[str, Any]]]] = {
     "cuts": cuts,
     "overlaps": overlaps,
     "responsiveness": answers,
-    "completion": completion,
+    "completion": lambda quick, tasks: completion(min(tasks, 6) if quick else tasks),
 }
 
 
@@ -234,7 +167,8 @@ def warm_up() -> None:
         for method in methods(robots).values():
             method(graph("floor", robots, 99), 3)
     for name in POLICIES:
-        planned(problem("floor", 8, 3, 99, speeds=2, links=2), name, 0.2)
+        for robots in (8, 20):
+            planned(problem("floor", robots, 3, 99, speeds=2, links=2), name, 0.2, 0)
 
 
 def plot_growth(rows: list[dict[str, Any]]) -> None:
@@ -249,7 +183,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer sizes and seeds: about two minutes")
     parser.add_argument("--part", choices=PARTS, action="append", help="only this; may be given again")
-    parser.add_argument("--tasks", type=int, default=0, help="instances in each cell of the completion table")
+    parser.add_argument("--tasks", type=int, default=100, help="instances in each cell of the completion table")
     options = parser.parse_args()
     warm_up()
     for name in options.part or PARTS:

@@ -66,12 +66,15 @@ class Choice:
 KICKS = 1000
 POOL = 8
 """starts in all; random ones fill up"""
+TIME_SHARE = 0.75
+"""of the budget goes to the search for the least t_c, the rest to that for a smaller cut"""
 START_SHARE = 0.2
-"""of the budget, after which no further start is descended from"""
+"""of the search, after which no further start is descended from"""
 
 SLACK = 0.1
-"""share of the completion time, about what a prediction is good for, that may be given up for maps that overlap to be
-fused together, as long as the paper's plan is no better"""
+"""share of the completion time, about what a prediction is good for, by which plans may differ and count as equal"""
+GIVEN_UP = 0.03
+"""share that `recslam` gives up for maps that overlap to be fused together, as long as the paper's plan is no better"""
 
 Policy = Callable[[Problem, Settings], Choice]
 
@@ -186,11 +189,26 @@ def cut_policy(problem: Problem, settings: Settings) -> Choice:
 
 
 def recslam_policy(problem: Problem, settings: Settings) -> Choice:
-    """The least predicted t_c: local search from several starts, one of them the paper's plan, none worse than it."""
+    """Of about the least predicted t_c, and of these the least cut; never worse than the paper's plan."""
     if not problem.robots:
         return static_policy(problem, settings)
-    weights, rng = quantise(problem.weights), np.random.default_rng(settings.seed)
+    weights = quantise(problem.weights)
     groups = balanced_grouping(weights, len(problem.edges), settings.kappa, settings.tau)
+    first = replace(settings, spent=lambda: settings.spent() / TIME_SHARE)
+    choice, paper = least_time(problem, first, weights, groups)
+    total = predict(problem, choice.slam, choice.fuse).total
+    bound = max(total, min(total * (1 + GIVEN_UP), paper))
+    return replace(choice, fuse=closest(problem, weights, choice.slam, choice.fuse, groups, bound, settings.spent))
+
+
+def least_time(
+    problem: Problem, settings: Settings, weights: NDArray[np.float64], groups: Groups
+) -> tuple[Choice, float]:
+    """The least predicted t_c that local search finds, and the paper's: it is one of several starts.
+
+    `groups` are those of Algorithms 1 and 2 over `weights`, quantised.
+    """
+    rng = np.random.default_rng(settings.seed)
     groupings = {
         "paper": edge_offloading(paper_latencies(problem, weights, groups))[groups],
         "paper's groups, best placed": placed(problem, groups),
@@ -210,10 +228,7 @@ def recslam_policy(problem: Problem, settings: Settings) -> Choice:
         edges = random_balanced_policy(problem, replace(settings, seed=settings.seed + len(pool))).fuse
         pool.append(descend(stages, edges, edges, settings.spent))
     best = tournament(stages, pool, KICKS, rng, settings.spent)
-    choice = _verdict(problem, best, times, starts)
-    total = predict(problem, choice.slam, choice.fuse).total
-    bound = max(total, min(total * (1 + SLACK), times["paper"]))
-    return replace(choice, fuse=closest(problem, weights, choice.slam, choice.fuse, groups, bound, settings.spent))
+    return _verdict(problem, best, times, starts), times["paper"]
 
 
 def _verdict(problem: Problem, best: Found, times: dict[str, float], starts: dict[str, Choice]) -> Choice:
