@@ -25,6 +25,9 @@ STEP = 2 * math.pi / 1024
 """rad between beams of a URG-04LX, the middle one straight ahead"""
 TURN_S = 0.1
 """s in which a URG-04LX looks around once"""
+LATENCY_S = 0.15
+"""s from a scan's first beam to the row that it is logged in, with the wheels as they are by then: a turn of the mirror
+and the transfer. With it, turns by wheels and by matched scans agree three times better than without."""
 RANGE_MIN_M, RANGE_MAX_M = 0.02, 5.6
 MOUNT = (0.145, 0.0, 0.0)
 FIRST_RANGE = 24
@@ -34,8 +37,9 @@ MIN_FIELDS = FIRST_RANGE + 2
 class RoverLog:
     """One run of the rover, read whole at once: iterate over it for its sweeps, as often as you like.
 
-    Stamps are seconds of the rover's clock; odometry starts at (0, 0, 0), one sample a sweep. Raises BadFile when
-    the file cannot be read or holds no such row; malformed rows and rows of falling stamps are counted.
+    Stamps are seconds of the rover's clock; odometry starts at (0, 0, 0), one sample a sweep, of when it was logged.
+    Raises BadFile when the file cannot be read or holds no such row; malformed rows and rows of falling stamps are
+    counted.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -51,7 +55,7 @@ class RoverLog:
             raise BadFile(f"{self.path}: holds no usable row ({self.malformed} malformed); is it a rover log?")
         track = dead_reckon(np.array([row[1:3] for row in rows]))
         self._sweeps = [
-            Sweep(stamp, _geometry(len(ranges)), ranges, np.array([[stamp, *pose]]))
+            Sweep(stamp - LATENCY_S, _geometry(len(ranges)), ranges, np.array([[stamp, *pose]]))
             for (stamp, _, _, ranges), pose in zip(rows, track, strict=True)
         ]
 
