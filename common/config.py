@@ -77,10 +77,12 @@ class CloudConfig(Section):
     out: Path | None = None
     """folder into which the cloud exports each final map"""
     merge_every_s: Annotated[float, Field(gt=0)] = 2.0
+    joint: bool = True
+    """correct the trajectories of all robots together for the final map, where their maps are bent"""
 
 
 class SchedulerConfig(Section):
-    policy: str = "paper"
+    policy: str = "recslam"
     interval_s: Annotated[float, Field(gt=0)] = 3.0
     budget_s: Annotated[float, Field(gt=0)] = 0.5
     """time that a search may take"""

@@ -1,7 +1,7 @@
 """The messages that travel between robots, edges, cloud and scheduler: a closed union of frozen models."""
 
 from common.wire.base import Cover, Covers, Epoch, Message, PoseTuple
-from common.wire.cloud import CloudStatus, FixedPose, GlobalMapNotice, Placed, StageTimes, Trace, Transforms
+from common.wire.cloud import CloudStatus, FixedPose, GlobalMapNotice, Placed, StageTimes, Trace, Transforms, Warp
 from common.wire.codec import AnyMessage, decode, encode
 from common.wire.edge import (
     Ack,
@@ -60,6 +60,7 @@ __all__ = [
     "TrajectoryPage",
     "Transforms",
     "Verdicts",
+    "Warp",
     "decode",
     "encode",
 ]

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
 
 from common.wire.base import Covers, Message, Name, Part
 from common.wire.edge import Component
@@ -25,6 +28,34 @@ class FixedPose(Part):
         return self.x_um * 1e-6, self.y_um * 1e-6, self.theta_nrad * 1e-9
 
 
+Shift = Annotated[int, Field(ge=-10_000_000, le=10_000_000)]
+"""micrometres that a warp moves a point by; more than 10 m is no drift"""
+
+
+class Warp(Part):
+    """How a bent map is straightened: shifts at the nodes of a lattice in the map's own frame, linear in between.
+
+    Beyond the lattice its border holds. In whole micrometres, so that all edges render the same cells.
+    """
+
+    spacing_m: Annotated[float, Field(ge=0.5, le=50)]
+    x: Annotated[int, Field(ge=-100_000, le=100_000)]
+    y: Annotated[int, Field(ge=-100_000, le=100_000)]
+    """the first node lies at (x, y) times the spacing"""
+    columns: Annotated[int, Field(ge=2)]
+    shifts_um: tuple[Shift, ...]
+    """along x and along y of each node, row by row from the first"""
+
+    @model_validator(mode="after")
+    def _is_lattice(self) -> Self:
+        rows, rest = divmod(len(self.shifts_um), 2 * self.columns)
+        if rest or rows < 2:
+            raise ValueError(
+                f"{len(self.shifts_um)} shifts are no lattice of {self.columns} columns and two rows or more"
+            )
+        return self
+
+
 class Placed(Part):
     """Where a robot's map lies in the world."""
 
@@ -33,6 +64,8 @@ class Placed(Part):
     component: str
     version: int
     """robot map version that the transform was solved for"""
+    warp: Warp | None = None
+    """applied before the transform; None: the map is placed as it is"""
 
 
 class Transforms(Message):

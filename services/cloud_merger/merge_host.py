@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from common.errors import UsageError
+from common.fusion.joint import Robot, correct
 from common.fusion.layout import bounds, lay_out
 from common.fusion.matchmap import MatchMap
 from common.fusion.pairs import PairTable, component, measurements, places
@@ -98,7 +99,29 @@ class MergeHost:
             "verdicts": encode(Verdicts(owner="cloud", pairs=tuple(own))),
             "seconds": time.perf_counter() - begin,
             "checks": self._pairs.checks,
+            "merged": sorted(measured.keys() - {pair for each in solved for pair in each.left_out}),
         }
+
+    def correct(self, transforms: bytes, pairs: list[tuple[str, str]], tracks: dict[str, bytes]) -> dict[str, Any]:
+        """The encoded Transforms of a solved world, bent maps straightened together (see common.fusion.joint).
+
+        `pairs` are the merged ones it rests on, `tracks` trajectories as rows of stamp, x, y and theta, float64.
+        """
+        begin = time.perf_counter()
+        world = decode(transforms)
+        assert isinstance(world, Transforms)
+        robots = {
+            name: Robot(
+                self._pairs.known[name].map,
+                np.frombuffer(rows, np.float64).reshape(-1, 4),
+                np.array(world.robots[name].transform.pose()),
+            )
+            for name, rows in sorted(tracks.items())
+        }
+        joint = correct(robots, [(a, b) for a, b in pairs], self._pairs.settings)
+        placed = {name: each.model_copy(update={"warp": joint.warps.get(name)}) for name, each in world.robots.items()}
+        done = world.model_copy(update={"robots": placed, "reason": f"{world.reason}; {joint.told}"})
+        return {"transforms": encode(done), "seconds": time.perf_counter() - begin}
 
     def compose(self, versions: dict[str, int]) -> dict[str, Any] | None:
         """Add the maps of these edges; gives the version and digest of the sum.

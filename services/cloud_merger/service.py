@@ -34,6 +34,7 @@ from common.wire import (
 )
 from common.workers import Worker, WorkerError
 from services.cloud_merger import events as merging
+from services.cloud_merger.joint import corrected
 from services.cloud_merger.state import CloudState
 from services.cloud_merger.trace import trace
 
@@ -190,6 +191,8 @@ class CloudMerger:
             self._problem(f"solve: {error}")
             self._feed(merging.Solved(None))
             return
+        if step.final and self._fleet.cloud.joint and done["merged"]:
+            done = await corrected(done, self.state.slam_edges(), self._bus, self._call, self._problem)
         self._stages["solve"] = done["seconds"]
         self.state.counters["full pair checks"] = done["checks"]
         await self._bus.latch(keys.CLOUD_VERDICTS, decode(done["verdicts"]))

@@ -117,6 +117,10 @@ class CloudState:
     def fusing_edges(self) -> list[str]:
         return sorted({fuser for _, fuser, _ in self.members.values()})
 
+    def slam_edges(self) -> dict[str, str]:
+        """The edge that runs each robot."""
+        return {robot: edge for robot, (edge, _, _) in self.members.items()}
+
     def final_versions(self) -> dict[str, int] | None:
         """Version of every robot's final map; None while one is missing."""
         versions = {}

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from common.bus import Bus, keys
 from common.bus.tiles import fetch_tiles
+from common.bus.trajectory import fetch_trajectory
 from common.errors import PeerError, QueryFailed
 from common.geometry import compose
 from common.grid import Grid
 from common.grid.tiles import decode_counts
+from common.grid.warp import straightened
 from common.wire import (
     CloudStatus,
     EdgeStatus,
@@ -28,7 +30,6 @@ from common.wire import (
     RobotStatus,
     Routes,
     SchedulerStatus,
-    TrajectoryPage,
     Transforms,
     Verdicts,
 )
@@ -100,11 +101,12 @@ async def trajectories(bus: Bus, transforms: Transforms) -> dict[str, NDArray[np
             log.warning("no route tells where the trajectory is", extra={"robot": robot})
             continue
         try:
-            own = await _trajectory(bus, route.slam_edge, robot)
+            own = (await fetch_trajectory(bus, route.slam_edge, robot)).poses
         except PeerError as error:
             log.warning("trajectory not to be had", extra={"robot": robot, "reason": error})
             continue
-        found[robot] = np.column_stack([own[:, 0], compose(placed.transform.pose(), own[:, 1:])])
+        straight = straightened(placed.warp, own[:, 1:])
+        found[robot] = np.column_stack([own[:, 0], compose(placed.transform.pose(), straight)])
     return found
 
 
@@ -146,13 +148,3 @@ async def several(bus: Bus, key: str, kind: type[M]) -> list[M]:
         log.warning("no good answer", extra={"key": key, "reason": error})
         return []
     return [answer.message for answer in answers if isinstance(answer.message, kind)]
-
-
-async def _trajectory(bus: Bus, edge: str, robot: str) -> NDArray[np.float64]:
-    """(n, 4) in the robot's own map frame."""
-    parts = [np.empty((0, 4))]
-    async for page in bus.pages(keys.edge_trajectory(edge, robot)):
-        if not isinstance(page, TrajectoryPage):
-            raise QueryFailed(f"answered with a {type(page).__name__}, not with a trajectory", edge)
-        parts.append(page.poses)
-    return np.concatenate(parts)

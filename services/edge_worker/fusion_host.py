@@ -23,10 +23,13 @@ from common.grid.paging import counts_page
 from common.grid.render import render
 from common.grid.tiles import decode_counts
 from common.grid.versions import first_version
-from common.wire import FixedPose, Transforms, Verdicts, decode, encode
+from common.wire import FixedPose, Transforms, Verdicts, Warp, decode, encode
 
 VOTES = 255
 """visits of a cell that count of one robot"""
+
+Place = tuple[FixedPose, Warp | None]
+"""where a robot map is rendered, and what straightens it before"""
 
 
 class FusionHost:
@@ -36,7 +39,7 @@ class FusionHost:
         self._pairs = PairTable()
         self._maps: dict[str, Grid] = {}
         self._covers: dict[str, dict[str, Any]] = {}
-        self._rendered: dict[str, tuple[tuple[int, FixedPose, float], Grid]] = {}
+        self._rendered: dict[str, tuple[tuple[int, Place, float], Grid]] = {}
         self._product: Grid | None = None
 
     def configure(self, settings: dict[str, Any]) -> None:
@@ -85,7 +88,7 @@ class FusionHost:
         placed, epoch, resolution = self._placed(held, solved, told)
         if self._product is None or self._product.resolution != resolution:
             self._product = Grid(resolution, version=first_version(secrets.randbits(32)))
-        compose_into(self._product, [self._render(robot, pose, resolution) for robot, pose in sorted(placed.items())])
+        compose_into(self._product, [self._render(robot, placed[robot], resolution) for robot in sorted(placed)])
         return {
             "verdicts": encode(Verdicts(owner=f"edge/{edge}", pairs=tuple(verdicts))),
             "components": [component(each).model_dump() for each in solved],
@@ -106,10 +109,10 @@ class FusionHost:
 
     def _placed(
         self, held: list[str], solved: list[Solved], world: Transforms | None
-    ) -> tuple[dict[str, FixedPose], int, float]:
+    ) -> tuple[dict[str, Place], int, float]:
         """Where each map is to be rendered, the world epoch (0: on the edge's own lattice), and the resolution."""
         if world is not None:
-            placed = {name: each.transform for name, each in world.robots.items() if name in held}
+            placed = {name: (each.transform, each.warp) for name, each in world.robots.items() if name in held}
             return placed, world.world_epoch, world.resolution
         boxes = {
             each.id: bounds((self._pairs.known[name].map, each.transforms[name]) for name in each.robots)
@@ -118,12 +121,13 @@ class FusionHost:
         places = lay_out(boxes)
         poses = {name: compose(places[each.id], each.transforms[name]) for each in solved for name in each.robots}
         resolution = min((self._maps[name].resolution for name in held), default=0.05)
-        return {name: FixedPose.of(*(float(v) for v in pose)) for name, pose in poses.items()}, 0, resolution
+        return {name: (FixedPose.of(*(float(v) for v in pose)), None) for name, pose in poses.items()}, 0, resolution
 
-    def _render(self, robot: str, pose: FixedPose, resolution: float) -> Grid:
-        key = (self._maps[robot].version, pose, resolution)
+    def _render(self, robot: str, place: Place, resolution: float) -> Grid:
+        key = (self._maps[robot].version, place, resolution)
         known = self._rendered.get(robot)
         if known is None or known[0] != key:
-            known = (key, cap_votes(render(self._maps[robot], pose.pose(), resolution), VOTES))
+            pose, warp = place
+            known = (key, cap_votes(render(self._maps[robot], pose.pose(), resolution, warp), VOTES))
             self._rendered[robot] = known
         return known[1]

@@ -18,10 +18,10 @@ RIGID = FusionSettings(min_bent_score_m=1e6)
 WIDTH_M = 40.0
 
 
-def drifted(counts: Counts, curvature: float) -> Counts:
-    """The world as a robot maps it whose heading drifts by so many rad per metre to the right of the middle."""
+def drifted(counts: Counts, curvature: float, straight_m: float = WIDTH_M / 2) -> Counts:
+    """The world as a robot maps it whose heading drifts by so many rad per metre after `straight_m`."""
     rows, columns = np.mgrid[: counts.shape[1], : counts.shape[2]].astype(np.float32)
-    along = np.maximum(columns * RESOLUTION - WIDTH_M / 2, 0)
+    along = np.maximum(columns * RESOLUTION - straight_m, 0)
     rows += (0.5 * curvature * along**2 / RESOLUTION).astype(np.float32)
     return np.stack([cv2.remap(plane, columns, rows, cv2.INTER_NEAREST) for plane in counts])
 

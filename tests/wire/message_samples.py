@@ -40,6 +40,7 @@ from common.wire import (
     TrajectoryPage,
     Transforms,
     Verdicts,
+    Warp,
 )
 
 STREAM = "0123456789abcdef" * 2
@@ -138,6 +139,12 @@ SAMPLES: dict[str, Message] = {
             resolution=0.05,
             robots={
                 "r1": Placed(transform=FixedPose(x_um=1, y_um=-2, theta_nrad=3), component="r1", version=4),
+                "r2": Placed(
+                    transform=FixedPose(x_um=-1, y_um=2, theta_nrad=-3),
+                    component="r1",
+                    version=5,
+                    warp=Warp(spacing_m=2.0, x=-1, y=1, columns=2, shifts_um=(0, 0, 100_000, -200, 0, 1, -1, 0)),
+                ),
             },
             components=(COMPONENT,),
             reason="first",

@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from common.wire.arrays import ArrayOf
+from common.wire.cloud import Warp
 from common.wire.codec import KINDS
 
 MAX_SIZE = 4
@@ -24,8 +25,20 @@ def messages() -> st.SearchStrategy[BaseModel]:
 
 
 def model(kind: type[BaseModel]) -> st.SearchStrategy[BaseModel]:
+    if kind is Warp:
+        return warps()
     fields = {name: value(field.annotation, field.metadata) for name, field in kind.model_fields.items()}
     return st.builds(kind, **fields)
+
+
+@st.composite
+def warps(draw: st.DrawFn) -> Warp:
+    """Warps, whose fields must fit together."""
+    columns, rows = draw(st.integers(2, MAX_SIZE)), draw(st.integers(2, MAX_SIZE))
+    size = 2 * columns * rows
+    shifts = draw(st.lists(st.integers(-10_000_000, 10_000_000), min_size=size, max_size=size))
+    x, y = draw(st.integers(-100_000, 100_000)), draw(st.integers(-100_000, 100_000))
+    return Warp(spacing_m=draw(st.floats(0.5, 50)), x=x, y=y, columns=columns, shifts_um=tuple(shifts))
 
 
 def value(annotation: Any, metadata: list[Any]) -> st.SearchStrategy[Any]:
