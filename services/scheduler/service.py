@@ -37,6 +37,8 @@ from services.scheduler.what_if import WhatIf
 TARGET = "services.scheduler.plan_host:PlanHost"
 TICK_S = 0.2
 STATUS_S = 1.0
+AT_ONCE = 50
+"""robots whose measurements are gathered for a plan before others have their turn"""
 AS_IT_IS = WhatIf()
 
 log = logging.getLogger(__name__)
@@ -225,11 +227,15 @@ class Scheduler:
 
     async def _make(self, step: MakePlan, what_if: WhatIf = AS_IT_IS) -> dict[str, Any]:
         config, inputs, state = self._fleet.scheduler, self._inputs, self.state
-        edges = list(step.edges)
-        reach = {robot: state.reachable(robot, edges) for robot in step.robots}
+        edges, rows = list(step.edges), []
+        for first in range(0, len(step.robots), AT_ONCE):
+            robots = step.robots[first : first + AT_ONCE]
+            reach = {robot: state.reachable(robot, edges) for robot in robots}
+            rows += inputs.robot_rows(robots, edges, state.routes, reach)
+            await asyncio.sleep(0)  # whoever asks for something meanwhile is answered
         made: dict[str, Any] = await self._call(
             "plan",
-            robots=inputs.robot_rows(step.robots, edges, state.routes, reach),
+            robots=rows,
             edges=inputs.edge_rows(edges, what_if.speed),
             transforms=encode(inputs.world) if inputs.world is not None else None,
             policy=config.policy,
