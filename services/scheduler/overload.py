@@ -18,6 +18,8 @@ LATE_S = 3.0
 """an edge is not overloaded before it is so late: stalls of a busy host are shorter"""
 WATCH_S = 3.0
 """time over which it must have fallen behind, the same robots being run there"""
+TAKING = ("running", "finishing")
+"""states of an instance that takes frames"""
 ROOM = 0.8
 """share of an edge's power that its robots may need"""
 
@@ -47,7 +49,7 @@ class Overloads:
         self._reports: dict[str, deque[Report]] = defaultdict(deque)
 
     def reported(self, status: EdgeStatus, now: float) -> None:
-        running = [each for each in status.instances if each.state != "final"]
+        running = [each for each in status.instances if each.state in TAKING]
         waiting = {each.robot: max(0, self._inputs.sent(each.robot) - 1 - each.processed) for each in running}
         reports = self._reports[status.edge]
         if reports and reports[-1].waiting.keys() != waiting.keys():
@@ -92,7 +94,9 @@ class Overloads:
 
     def _falls_behind(self, reports: deque[Report]) -> bool:
         first, last = reports[0], reports[-1]
-        return last.when - first.when >= WATCH_S and self._late(last) > max(LATE_S, self._late(first))
+        if last.when - first.when < WATCH_S or last.processed <= first.processed:
+            return False  # what does not move at all is no load: it starts, or is stuck and seen to elsewhere
+        return self._late(last) > max(LATE_S, self._late(first))
 
     def _late(self, report: Report) -> float:
         frames = sum(max(0, count - self._allowance) for count in report.waiting.values())

@@ -23,6 +23,7 @@ class Scene:
     runs: dict[str, tuple[str, ...]]
     realtime: bool = True
     scan_ms: float = 20.0
+    state: str = "running"
     sent: dict[str, int] = field(default_factory=dict)
     done: dict[str, float] = field(default_factory=dict)
     now: float = 0.0
@@ -46,7 +47,7 @@ class Scene:
                 self.sent[robot] = self.sent.get(robot, 0) + HZ
                 self.done[robot] = min(self.sent[robot], self.done.get(robot, 0) + power.get(edge, HZ))
                 self.inputs.hear(robot_status(robot, self.sent[robot]), self.now)
-            status = edge_status(edge, {robot: int(self.done[robot]) - 1 for robot in robots}, self.scan_ms)
+            status = edge_status(edge, {robot: int(self.done[robot]) - 1 for robot in robots}, self.scan_ms, self.state)
             self.inputs.hear(status, self.now)
             self.overloads.reported(status, self.now)
 
@@ -60,10 +61,10 @@ def robot_status(robot: str, sent: int) -> RobotStatus:
     return RobotStatus(robot=robot, stream=STREAM, sent=sent, processed=0, **counts)
 
 
-def edge_status(edge: str, processed: dict[str, int], scan_ms: float) -> EdgeStatus:
+def edge_status(edge: str, processed: dict[str, int], scan_ms: float, state: str = "running") -> EdgeStatus:
     instances = tuple(
         InstanceStatus(
-            robot=robot, state="running", processed=last, pending=0, worker=0, scan_ms=scan_ms, gaps=0, skipped=0
+            robot=robot, state=state, processed=last, pending=0, worker=0, scan_ms=scan_ms, gaps=0, skipped=0
         )
         for robot, last in processed.items()
     )
@@ -134,6 +135,13 @@ def test_a_stall_of_two_seconds_moves_nobody() -> None:
         for power in (0, 0, 40, 10, 10, 10):
             scene.second(e1=power)
             assert scene.relief("e1") is None
+
+
+def test_an_edge_that_has_yet_to_begin_is_not_overloaded() -> None:
+    opening = Scene({"e1": ("r1", "r2"), "e2": ()}, state="opening")
+    begun = Scene({"e1": ("r1", "r2"), "e2": ()})
+    assert seconds_until_relief(opening, "e1", 30, e1=1) is None
+    assert seconds_until_relief(begun, "e1", 30, e1=0) is None
 
 
 def test_relief_is_a_table_of_its_own_that_names_no_edge_out_of_reach_or_gone() -> None:
