@@ -15,8 +15,15 @@ from bench.synthetic_cluster import SyntheticCluster
 from common.bus import Bus, keys
 from common.config import SchedulerConfig
 from common.parent import Leash
+from services.scheduler.events import (
+    EdgeSeen,
+    Interval,
+    MakePlan,
+    Profiled,
+    RobotSeen,
+    Tick,
+)
 from services.scheduler.service import Scheduler
-from services.scheduler.state import EdgeSeen, Interval, MakePlan, Profiled, RobotSeen, Tick
 
 ROUTER = """
 import asyncio, sys

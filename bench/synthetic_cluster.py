@@ -21,10 +21,7 @@ from common.wire import (
     RobotStatus,
 )
 from services.scheduler.costs import FusionModel
-from services.scheduler.inputs import Inputs
-from services.scheduler.plan_host import PlanHost
-from services.scheduler.profile import Profile
-from services.scheduler.state import (
+from services.scheduler.events import (
     EdgeSeen,
     Event,
     Instruction,
@@ -34,8 +31,13 @@ from services.scheduler.state import (
     Profiled,
     Publish,
     RobotSeen,
-    SchedulerState,
     Tick,
+)
+from services.scheduler.inputs import Inputs
+from services.scheduler.plan_host import PlanHost
+from services.scheduler.profile import Profile
+from services.scheduler.state import (
+    SchedulerState,
 )
 from services.scheduler.topology import Topology
 

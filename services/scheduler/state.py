@@ -1,122 +1,41 @@
 """What the scheduler decides: who is there, where each robot's frames and map go, and when a plan is due.
 
 A robot is placed at the tick after it and its profile have come, by load: a fleet that comes at once is one table, not
-one each. Plans regroup robots at intervals. A robot that has
-left keeps its route: its map stays in the fused maps. An edge that is gone for longer than the grace time loses its
-robots to the others, which rebuild them from their spools. When the router is lost, nobody is declared gone: everybody
-seems to be. Every table has an epoch (term, n), the term one higher than that of any claim that is heard, so that the
-tables of an earlier scheduler are fenced off. Events in, instructions out; times come with the events.
+one each. Plans regroup robots at intervals, and an edge that cannot keep up loses robots whatever is planned. A robot
+that has left keeps its route: its map stays in the fused maps. An edge that is gone for longer than the grace time
+loses its robots to the others, which rebuild them from their spools. When the router is lost, nobody is declared gone:
+everybody seems to be. Every table has an epoch (term, n), the term one higher than that of any claim that is heard, so
+that the tables of an earlier scheduler are fenced off. Events in, instructions out; times come with the events.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from common.wire import Claims, Epoch, RobotProfile, Route, Routes
+from services.scheduler.events import (
+    Claimed,
+    EdgeSeen,
+    Event,
+    Instruction,
+    Interval,
+    Linked,
+    MakePlan,
+    PlanFailed,
+    Planned,
+    Profiled,
+    Publish,
+    Relieved,
+    RobotSeen,
+    Tick,
+)
 from services.scheduler.topology import Topology
 
 SETTLE_S = 10.0
 """once an edge is there, how long the first placing waits for the others that the fleet file names"""
 SAID = 32
 """changes that the reason for a table names"""
-
-
-@dataclass(frozen=True)
-class RobotSeen:
-    robot: str
-    alive: bool
-    now: float
-
-
-@dataclass(frozen=True)
-class EdgeSeen:
-    edge: str
-    alive: bool
-    now: float
-
-
-@dataclass(frozen=True)
-class Profiled:
-    profile: RobotProfile
-    now: float
-
-
-@dataclass(frozen=True)
-class Linked:
-    """The router is there, or is lost."""
-
-    up: bool
-    now: float
-
-
-@dataclass(frozen=True)
-class Claimed:
-    """What edges say that they run, at the start of this scheduler or at any time."""
-
-    claims: tuple[Claims, ...]
-    now: float
-
-
-@dataclass(frozen=True)
-class Planned:
-    """A plan is ready, made for the table of `epoch`."""
-
-    epoch: Epoch
-    slam: Mapping[str, str]
-    fuse: Mapping[str, str]
-    now: float
-
-
-@dataclass(frozen=True)
-class Relieved:
-    """An edge cannot keep up: these robots shall be run elsewhere, whatever has been planned."""
-
-    moves: Mapping[str, str]
-    """robot → edge"""
-    reason: str
-    now: float
-
-
-@dataclass(frozen=True)
-class PlanFailed:
-    """The planner could not make one."""
-
-
-@dataclass(frozen=True)
-class Tick:
-    """About ten times a second."""
-
-    now: float
-
-
-@dataclass(frozen=True)
-class Interval:
-    """Every `interval_s`."""
-
-    now: float
-
-
-Event = RobotSeen | EdgeSeen | Profiled | Linked | Claimed | Planned | Relieved | PlanFailed | Tick | Interval
-
-
-@dataclass(frozen=True)
-class Publish:
-    routes: Routes
-    reason: str
-
-
-@dataclass(frozen=True)
-class MakePlan:
-    """Plan these robots over these edges, given the table of `epoch`."""
-
-    epoch: Epoch
-    robots: tuple[str, ...]
-    edges: tuple[str, ...]
-
-
-Instruction = Publish | MakePlan
 
 
 @dataclass

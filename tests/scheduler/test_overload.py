@@ -6,10 +6,20 @@ from dataclasses import dataclass, field
 
 from common.config import EdgeConfig, EdgeEntry, Fleet, RobotConfig, RobotEntry, SimSource
 from common.wire import EdgeStatus, InstanceStatus, RobotProfile, RobotStatus
+from services.scheduler.events import (
+    EdgeSeen,
+    Profiled,
+    Publish,
+    Relieved,
+    RobotSeen,
+    Tick,
+)
 from services.scheduler.inputs import Inputs
 from services.scheduler.overload import Overloads
 from services.scheduler.profile import Profile
-from services.scheduler.state import EdgeSeen, Profiled, Publish, Relieved, RobotSeen, SchedulerState, Tick
+from services.scheduler.state import (
+    SchedulerState,
+)
 from services.scheduler.topology import Topology
 
 STREAM = "a" * 32

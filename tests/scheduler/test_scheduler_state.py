@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.wire import Claims, RobotProfile, Routes
-from services.scheduler.state import (
-    SETTLE_S,
+from services.scheduler.events import (
     Claimed,
     EdgeSeen,
     Event,
@@ -23,8 +22,11 @@ from services.scheduler.state import (
     Profiled,
     Publish,
     RobotSeen,
-    SchedulerState,
     Tick,
+)
+from services.scheduler.state import (
+    SETTLE_S,
+    SchedulerState,
 )
 from services.scheduler.topology import Topology
 

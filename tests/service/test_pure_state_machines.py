@@ -16,6 +16,8 @@ PURE = [
     "services/cloud_merger/events.py",
     "services/cloud_merger/state.py",
     "services/cloud_merger/trace.py",
+    "services/scheduler/events.py",
+    "services/scheduler/overload.py",
     "services/scheduler/state.py",
     "services/scheduler/topology.py",
     "services/robot_agent/state.py",
