@@ -64,6 +64,8 @@ class EdgeConfig(Section):
     """how often changed robot maps are published and fused"""
     scan_limit_s: Annotated[float, Field(gt=0)] = 20.0
     """a SLAM worker that spends longer on one scan is taken for stuck and replaced; waiting for a processor is free"""
+    probe_every_s: Annotated[float, Field(ge=0)] = 30.0
+    """how often an idle link to a robot in reach is measured, with 64 KB; 0: never"""
     grace_s: Annotated[float, Field(ge=0)] = 30.0
     """how long the instance of a vanished robot is kept"""
 

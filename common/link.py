@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections import defaultdict, deque
+from collections import Counter, defaultdict, deque
 from statistics import median
 
 from common.wire import LinkStatus
@@ -19,11 +19,17 @@ class LinkMeter:
 
     def __init__(self) -> None:
         self._pages: dict[str, deque[tuple[int, float]]] = defaultdict(lambda: deque(maxlen=RECENT))
+        self._taken: Counter[str] = Counter()
 
     def took(self, peer: str, size: int, seconds: float) -> None:
         """A page of `size` bytes from `peer` came `seconds` after it had been asked for."""
         if size > 0 and seconds > 0:
             self._pages[peer].append((size, seconds))
+            self._taken[peer] += 1
+
+    def taken(self, tier: str) -> dict[str, int]:
+        """Pages that have come so far from each peer of a tier (as `robot/`), by name."""
+        return {peer.removeprefix(tier): count for peer, count in self._taken.items() if peer.startswith(tier)}
 
     def statuses(self) -> tuple[LinkStatus, ...]:
         return tuple(

@@ -49,6 +49,7 @@ from services.edge_worker.instructions import (
     Release,
 )
 from services.edge_worker.pool import Pool
+from services.edge_worker.probing import Probes
 from services.edge_worker.report import Report
 from services.edge_worker.robot_maps import RobotMaps
 from services.edge_worker.state import EdgeState
@@ -90,6 +91,9 @@ class EdgeWorker:
                 tasks.create_task(self._publish_maps(), name="maps")
                 tasks.create_task(self._fusion.run(), name="fusion")
                 tasks.create_task(self._report.run(), name="status")
+                if every_s := self._fleet.edge.probe_every_s:
+                    probes = Probes(self.edge, self._bus, self.state, self.links, every_s)
+                    tasks.create_task(probes.run(), name="probes")
                 await self._stop.wait()
                 raise Stopped
         except* Stopped:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 from collections.abc import AsyncIterator, Mapping
 
 from common.bus import Bus, keys
@@ -229,8 +230,14 @@ class RobotAgent:
             await asyncio.sleep(STATUS_S)
 
     async def _backfill(self, key: str, params: Mapping[str, str]) -> Message:
-        """Frames `from` .. `to` of `stream`, a page at a time; a page's `next` is where the page after it begins."""
+        """Frames `from` .. `to` of `stream`, a page at a time; a page's `next` is where the page after it begins.
+
+        `probe` asks for so many bytes that mean nothing instead: an edge measures the link.
+        """
         spool = self._spool
+        if "probe" in params:
+            noise = os.urandom(max(0, min(_number(params, "probe", 0), PAGE_BYTES)))
+            return FramePage(robot=self._entry.id, stream=spool.stream, frames=(noise,), oldest=spool.now().oldest)
         stream = params.get("stream", spool.stream)
         if stream != spool.stream:
             raise UsageError(f"robot {self._entry.id} streams {spool.stream}, not {stream}; take its stream from zero")

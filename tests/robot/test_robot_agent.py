@@ -266,3 +266,17 @@ async def test_a_router_that_is_killed_and_comes_back_costs_no_frame(root: str, 
 async def until(condition: Callable[[], bool]) -> None:
     while not condition():  # noqa: ASYNC110 - what is waited for happens inside the agent
         await asyncio.sleep(0.005)
+
+
+async def test_a_probe_is_answered_with_so_many_bytes_that_count_as_no_frames(
+    endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path
+) -> None:
+    bus = await open_bus()
+    async with running(fleet_at(endpoint, root), tmp_path, sweeps(3)) as agent:
+        await end_of(bus)
+        sent = agent.status().bytes_sent
+        for asked, given in ((1000, 1000), (10**9, MAX_PAGE_BYTES - 4096)):
+            (answer,) = await bus.get(keys.robot_backfill(ROBOT), {"probe": asked})
+            assert isinstance(answer.message, FramePage)
+            assert [len(data) for data in answer.message.frames] == [given]
+        assert (agent.status().backfilled, agent.status().bytes_sent) == (0, sent)
