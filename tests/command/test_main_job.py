@@ -39,4 +39,4 @@ def test_three_robots_that_know_nothing_of_each_other_map_a_real_building_togeth
     score = score_relations(read_relations(Path(DATA) / "relations" / "intel.relations.gz"), read_odometry(log), tracks)
     assert score.unscored == 0
     assert score.stats(across=False).translation <= 0.10
-    assert score.stats(across=True).translation <= 0.30
+    assert score.stats(across=True).translation <= 0.08
