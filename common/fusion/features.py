@@ -76,6 +76,15 @@ def propose_by_features(fa: Features, fb: Features, hypotheses: int, seed: int) 
     return np.array(poses).reshape(-1, 3)
 
 
+def fitting(fa: Features, fb: Features, seed: int) -> int:
+    """How many matches the best rigid transform brings together."""
+    pairs = _matches(fa.descriptors, fb.descriptors)
+    if len(pairs) < MIN_INLIERS:
+        return 0
+    _, inliers = _ransac(fa.points[pairs[:, 0]], fb.points[pairs[:, 1]], np.random.default_rng(seed))
+    return int(inliers.sum())
+
+
 def fit_rigid(points_a: NDArray[np.float64], points_b: NDArray[np.float64]) -> NDArray[np.float64]:
     """The pose (..., 3) with least squares |pose(b) - a|, points (..., n, 2); no scale."""
     mean_a, mean_b = points_a.mean(axis=-2), points_b.mean(axis=-2)

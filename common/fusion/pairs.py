@@ -1,9 +1,7 @@
-"""Verdicts about all pairs of some robots' maps, remembered by map version.
+"""Verdicts about the pairs of some robots' maps, remembered by map version.
 
-A pair is decided anew only when a map has changed enough to matter; a merged pair is tracked, and where other pairs
-tell how two maps lie, it is only checked there. So what a live fleet costs grows with its overlaps and not with the
-square of its size. For final maps the verdict is made from nothing but the two maps, so that whoever decides it, and
-in whatever order, comes to the same.
+Live, a pair is searched anew only when a map has changed enough to matter, and a merged pair is tracked. For final maps
+all is decided from nothing but the maps, so that whoever decides, and in whatever order, comes to the same.
 """
 
 from __future__ import annotations
@@ -11,17 +9,22 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from common.fusion.cycles import Measurement
+from common.fusion.cycles import Pair as Pair
+from common.fusion.likeness import SIGNIFICANT, likeness
 from common.fusion.match import Match, match, track
 from common.fusion.matchmap import MatchMap
 from common.fusion.overlap import shared_area
 from common.fusion.settings import FusionSettings
 from common.fusion.solve import Solved
+from common.fusion.survey import Place as Place
+from common.fusion.survey import survey
+from common.fusion.verdicts import measurements as measurements
+from common.fusion.verdicts import verdict
 from common.geometry.se2 import Pose, between, wrap
 from common.wire.base import PoseTuple
 from common.wire.cloud import Transforms
@@ -32,16 +35,6 @@ GROWTH = 0.1
 
 START_M, START_RAD = 0.6, 0.2
 """how far start poses may be off for telling which of two ways is meant"""
-
-Pair = tuple[str, str]
-
-
-class Place(NamedTuple):
-    """Where a robot's map was found to lie."""
-
-    component: str
-    pose: ArrayLike
-    """(3,) of the map's frame in the component's, or in the world"""
 
 
 @dataclass
@@ -60,10 +53,15 @@ class PairTable:
     settings: FusionSettings = field(default_factory=FusionSettings)
     known: dict[str, Known] = field(default_factory=dict)
     verdicts: dict[Pair, PairVerdict] = field(default_factory=dict)
+    searches: dict[Pair, PairVerdict] = field(default_factory=dict)
+    """final verdicts that a search gave, here or elsewhere"""
     sizes: dict[Pair, tuple[int, int]] = field(default_factory=dict)
-    """known cells of both maps when the pair was last looked at everywhere"""
+    """known cells of both maps when the pair was last searched"""
+    alike: dict[Pair, tuple[tuple[int, int], int]] = field(default_factory=dict)
+    """known cells of both maps when their likeness was last told, and that"""
     checks: int = 0
-    """how many times a pair was looked at everywhere"""
+    """how many times a pair was searched"""
+    _told: dict[Pair, PairVerdict] = field(default_factory=dict)
 
     def put(self, robot: str, map_: MatchMap, version: int, final: bool) -> None:
         """The robot's present map; verdicts about older ones stay until the pair is decided again."""
@@ -72,25 +70,38 @@ class PairTable:
     def forget(self, robot: str) -> None:
         self.known.pop(robot, None)
         for pair in [pair for pair in self.verdicts if robot in pair]:
-            del self.verdicts[pair]
-            self.sizes.pop(pair, None)
+            for table in (self.verdicts, self.searches, self.sizes, self.alike):
+                table.pop(pair, None)
 
-    def decide(self, pairs: Iterable[Pair], placed: Mapping[str, Place] = {}) -> None:
+    def decide(self, pairs: Iterable[Pair], placed: Mapping[str, Place] = {}, told: Iterable[PairVerdict] = ()) -> None:
         """Bring the verdicts about these pairs up to the present maps. Pairs of unknown robots are passed over.
 
-        `placed` tells where robots were found to lie before; it spares searching, but never decides on final maps.
+        `placed` tells where robots were found to lie before, `told` what others have decided. Both spare searching,
+        but have no say on final maps; there only searches that others made of the same maps are taken over.
         """
-        for a, b in pairs:
-            if a in self.known and b in self.known:
-                self._decide(a, b, placed)
+        wanted = [pair for pair in pairs if pair[0] in self.known and pair[1] in self.known]
+        final = all(self.known[robot].final for pair in wanted for robot in pair)
+        others = {(each.a, each.b): each for each in told}
+        if others == self._told and all(self._is_current(pair, final) for pair in wanted):
+            return
+        self._told = others
+        if final:
+            self.searches |= {pair: each for pair, each in others.items() if each.final and each.searched}
+            self.verdicts |= survey(wanted, self, self.settings)
+        else:
+            known = {pair: each for pair, each in others.items() if pair not in wanted}
+            kept = self._followed(wanted)
+            self.verdicts |= survey(wanted, self, self.settings, kept=kept, told=known, placed=placed)
 
     def told_by_starts(
         self, verdicts: Iterable[PairVerdict], starts: Mapping[str, ArrayLike]
     ) -> dict[Pair, Measurement]:
-        """Transforms of pairs that look alike in several ways, where start poses tell which way is meant."""
+        """Transforms of pairs that look alike in several ways, or were not searched, where start poses tell which way
+        is meant."""
         out: dict[Pair, Measurement] = {}
         for each in verdicts:
-            if each.kind != "ambiguous" or not {each.a, each.b} <= starts.keys() & self.known.keys():
+            open_ = each.kind == "ambiguous" or (each.kind != "merged" and not each.searched)
+            if not open_ or not {each.a, each.b} <= starts.keys() & self.known.keys():
                 continue
             told = between(starts[each.a], starts[each.b])
             found = track(self.known[each.a].map, self.known[each.b].map, told, settings=self.settings)
@@ -98,51 +109,84 @@ class PairTable:
                 out[each.a, each.b] = Measurement(found.transform, found.information)
         return out
 
-    def _decide(self, a: str, b: str, placed: Mapping[str, Place]) -> None:
-        first, second, old = self.known[a], self.known[b], self.verdicts.get((a, b))
-        versions, final = (first.version, second.version), first.final and second.final
-        if old is not None and old.versions == versions and old.final == final:
-            return
-        found: Match | None = None
-        if final:
-            found = self._everywhere(a, b)
-        elif old is not None and old.transform is not None:
-            found = track(first.map, second.map, old.transform, settings=self.settings)
-            if found.kind != "merged":
-                found = self._everywhere(a, b)
-        elif old is None or self._has_grown(a, b):
-            found = self._where_placed(a, b, placed) or self._everywhere(a, b)
-        if found is None:
-            assert old is not None
-            self.verdicts[a, b] = old.model_copy(update={"versions": versions})
-            return
-        self.verdicts[a, b] = verdict(found, a, b, versions, final)
+    def likeness(self, pair: Pair) -> int:
+        """How many key points of the two maps fit together."""
+        a, b = (self.known[robot] for robot in pair)
+        told = self.alike.get(pair)
+        if told is None or (self._sizes(pair) != told[0] if a.final and b.final else self._grown(pair, told[0])):
+            told = self._sizes(pair), likeness(a.map, b.map, self.settings, seed_of(*pair))
+            self.alike[pair] = told
+        return told[1]
 
-    def _where_placed(self, a: str, b: str, placed: Mapping[str, Place]) -> Match | None:
-        """The verdict by the places that other pairs give the two, None when they must be looked for."""
-        old = self.verdicts.get((a, b))
-        one, other = placed.get(a), placed.get(b)
-        if one is None or other is None or one.component != other.component:
-            return None
-        if old is not None and old.kind not in ("no_overlap", "insufficient"):
-            return None  # what speaks against the placement needs an answer
-        first, second, pose = self.known[a].map, self.known[b].map, between(one.pose, other.pose)
-        shared = shared_area(first, second, pose)
+    def pass_over(self, pair: Pair) -> PairVerdict:
+        """The verdict on a pair that is not worth a search."""
+        reason = f"not searched: only {self.likeness(pair)} key points fit, and others fitted both maps better"
+        return self._verdict(Match("no_overlap", reason), pair, searched=False)
+
+    def verify(self, pair: Pair, pose: Pose) -> PairVerdict | None:
+        """The verdict on a pair where others put it; None when it must be searched."""
+        a, b = (self.known[robot].map for robot in pair)
+        shared = shared_area(a, b, pose)
         if shared < self.settings.min_overlap_m2:
-            return Match("no_overlap", f"where other pairs put them they share {shared:.0f} m^2")
-        found = track(first, second, pose, settings=self.settings)
-        return found if found.kind == "merged" else None
+            if self.likeness(pair) >= SIGNIFICANT:
+                return None  # much alike, and yet apart: one of the two is wrong
+            reason = f"where other pairs put them they share {shared:.0f} m^2"
+            return self._verdict(Match("no_overlap", reason), pair, searched=False)
+        found = track(a, b, pose, settings=self.settings)
+        little = found.kind == "insufficient" or (found.kind == "no_overlap" and found.score >= 0)
+        return self._verdict(found, pair, searched=False) if found.kind == "merged" or little else None
 
-    def _everywhere(self, a: str, b: str) -> Match:
-        first, second = self.known[a].map, self.known[b].map
+    def search(self, pair: Pair) -> PairVerdict:
+        """The verdict from looking for one map everywhere in the other."""
+        known = self.searches.get(pair)
+        if known is not None and self._is_about(known, pair, self._is_final(pair)):
+            return known
+        a, b = (self.known[robot].map for robot in pair)
         self.checks += 1
-        self.sizes[a, b] = (first.known_cells, second.known_cells)
-        return match(first, second, settings=self.settings, seed=seed_of(a, b))
+        self.sizes[pair] = self._sizes(pair)
+        found = self._verdict(match(a, b, settings=self.settings, seed=seed_of(*pair)), pair, searched=True)
+        if found.final:
+            self.searches[pair] = found
+        return found
 
-    def _has_grown(self, a: str, b: str) -> bool:
-        before = self.sizes.get((a, b), (0, 0))
-        now = (self.known[a].map.known_cells, self.known[b].map.known_cells)
-        return any(new > (1 + GROWTH) * old for new, old in zip(now, before, strict=True))
+    def _followed(self, pairs: Iterable[Pair]) -> dict[Pair, PairVerdict]:
+        """Earlier searches that still hold: merged ones tracked, others while neither map has grown much."""
+        kept: dict[Pair, PairVerdict] = {}
+        for pair in pairs:
+            old = self.verdicts.get(pair)
+            if old is None or not old.searched:
+                continue
+            if old.versions == self._versions(pair):
+                kept[pair] = old
+            elif old.transform is not None:
+                a, b = (self.known[robot].map for robot in pair)
+                found = track(a, b, old.transform, settings=self.settings)
+                kept[pair] = self._verdict(found, pair, searched=True) if found.kind == "merged" else self.search(pair)
+            elif not self._grown(pair, self.sizes.get(pair, (0, 0))):
+                kept[pair] = old.model_copy(update={"versions": self._versions(pair)})
+        return kept
+
+    def _verdict(self, found: Match, pair: Pair, *, searched: bool) -> PairVerdict:
+        return verdict(found, pair, self._versions(pair), self._is_final(pair), searched)
+
+    def _is_current(self, pair: Pair, final: bool) -> bool:
+        old = self.verdicts.get(pair)
+        return old is not None and self._is_about(old, pair, final)
+
+    def _is_about(self, each: PairVerdict, pair: Pair, final: bool) -> bool:
+        return each.versions == self._versions(pair) and each.final == final
+
+    def _is_final(self, pair: Pair) -> bool:
+        return all(self.known[robot].final for robot in pair)
+
+    def _versions(self, pair: Pair) -> tuple[int, int]:
+        return self.known[pair[0]].version, self.known[pair[1]].version
+
+    def _sizes(self, pair: Pair) -> tuple[int, int]:
+        return self.known[pair[0]].map.known_cells, self.known[pair[1]].map.known_cells
+
+    def _grown(self, pair: Pair, before: tuple[int, int]) -> bool:
+        return any(new > (1 + GROWTH) * old for new, old in zip(self._sizes(pair), before, strict=True))
 
 
 def _near(pose: Pose, other: Pose) -> bool:
@@ -153,25 +197,6 @@ def _near(pose: Pose, other: Pose) -> bool:
 def seed_of(a: str, b: str) -> int:
     """What the pair's random choices are drawn from, wherever it is decided."""
     return zlib.crc32(f"{a}/{b}".encode())
-
-
-def verdict(found: Match, a: str, b: str, versions: tuple[int, int], final: bool) -> PairVerdict:
-    """The message about a decided pair, complete with what `solve` needs."""
-    information = None if found.information is None else tuple(float(v) for v in found.information.ravel())
-    return found.verdict(a, b, versions).model_copy(update={"information": information, "final": final})
-
-
-def measurements(verdicts: Iterable[PairVerdict]) -> dict[Pair, Measurement]:
-    """The merged ones among the verdicts, as `solve` takes them."""
-    out: dict[Pair, Measurement] = {}
-    for each in verdicts:
-        if each.transform is not None:
-            pose = np.asarray(each.transform, np.float64)
-            if each.information is None:
-                out[each.a, each.b] = Measurement(pose)
-            else:
-                out[each.a, each.b] = Measurement(pose, np.asarray(each.information, np.float64).reshape(3, 3))
-    return out
 
 
 def places(world: Transforms | None) -> dict[str, Place]:

@@ -64,7 +64,10 @@ class PairVerdict(Part):
     information: tuple[float, ...] | None = None
     """inverse covariance of the transform (3 x 3, row by row; m and rad)"""
     final: bool = False
-    """decided from the final maps of both, from nothing else"""
+    """about the final maps of both"""
+    searched: bool = False
+    """one map was looked for everywhere in the other, so that, when final, the verdict rests on nothing but these two
+    maps; otherwise the pair was judged where other pairs put it, or passed over as unlike"""
     overlap: float = 0.0
     """|A∩B| / (|A|+|B|) over known cells, 0 to 0.5 (the paper's overlapping degree)"""
     agreement: float = 0.0

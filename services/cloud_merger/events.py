@@ -108,7 +108,9 @@ class Forget:
 
 @dataclass(frozen=True)
 class Solve:
-    """Decide `pairs` here, take the edges' verdicts for the others, solve the world."""
+    """Decide `pairs` here, with the help of the edges' verdicts, and solve the world.
+
+    Live, these are the pairs across edges; for the final world all, of which edges have searched many."""
 
     robots: tuple[str, ...]
     pairs: tuple[Pair, ...]

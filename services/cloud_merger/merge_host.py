@@ -24,7 +24,7 @@ from common.grid.paging import counts_page
 from common.grid.raster import Raster
 from common.grid.tiles import decode_counts, decode_occupancy
 from common.grid.versions import first_version
-from common.wire import FixedPose, PairVerdict, Placed, PoseTuple, Transforms, Verdicts, decode, encode
+from common.wire import FixedPose, Placed, PoseTuple, Transforms, Verdicts, decode, encode
 
 STEADY_M, STEADY_RAD = 0.02, 0.002
 """live transforms that move less than this stay as published: the frame does not tremble"""
@@ -81,22 +81,24 @@ class MergeHost:
         starts: dict[str, PoseTuple],
     ) -> dict[str, Any]:
         """Encoded Transforms of the world, of an epoch higher than `above` if they are new, and encoded Verdicts of the
-        pairs decided here."""
+        pairs decided here. `verdicts` are the edges': taken for other pairs, and for searches of the same final maps.
+        """
         begin = time.perf_counter()
         known = [robot for robot in robots if robot in self._pairs.known]
         before = decode(previous) if previous is not None else None
         old = before if isinstance(before, Transforms) else None
-        self._pairs.decide(((a, b) for a, b in pairs), places(old))
-        own = [self._pairs.verdicts[a, b] for a, b in pairs if (a, b) in self._pairs.verdicts]
-        theirs = decode(verdicts)
-        every: list[PairVerdict] = [*own, *(theirs.pairs if isinstance(theirs, Verdicts) else ())]
+        told = decode(verdicts)
+        theirs = told.pairs if isinstance(told, Verdicts) else ()
+        self._pairs.decide(((a, b) for a, b in pairs), places(old), theirs)
+        own = {(a, b): self._pairs.verdicts[a, b] for a, b in pairs if (a, b) in self._pairs.verdicts}
+        every = [*own.values(), *(each for each in theirs if (each.a, each.b) not in own)]
         measured = measurements(every) | self._pairs.told_by_starts(every, starts)
         anchors = {} if final or old is None else {name: each.transform.pose() for name, each in old.robots.items()}
         solved = solve(known, measured, starts=starts, anchors=anchors)
         transforms = self._world(solved, final, old, above)
         return {
             "transforms": encode(transforms),
-            "verdicts": encode(Verdicts(owner="cloud", pairs=tuple(own))),
+            "verdicts": encode(Verdicts(owner="cloud", pairs=tuple(own.values()))),
             "seconds": time.perf_counter() - begin,
             "checks": self._pairs.checks,
             "merged": sorted(measured.keys() - {pair for each in solved for pair in each.left_out}),

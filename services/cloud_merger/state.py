@@ -226,21 +226,17 @@ class CloudState:
             return []
         self.solving, self.changed = True, False
         robots = tuple(sorted(self.sketches))
-        by_edges = {
-            pair
-            for edge in self.fusing_edges()
-            for pair in all_pairs(self._fused_at(edge))
-            if not final or pair in self.verdicts.get(edge, {})
-        }
-        known = tuple(
-            verdict
+        known = {
+            pair: verdict
             for edge in self.fusing_edges()
             for pair, verdict in sorted(self.verdicts.get(edge, {}).items())
-            if pair in by_edges
-        )
-        pairs = tuple(pair for pair in all_pairs(robots) if pair not in by_edges)
+        }
+        by_edges = {pair for edge in self.fusing_edges() for pair in all_pairs(self._fused_at(edge))}
+        theirs = tuple(verdict for pair, verdict in known.items() if pair in by_edges)
+        # which final pairs need a search depends on all maps, so only who has all can tell
+        pairs = tuple(pair for pair in all_pairs(robots) if final or pair not in by_edges)
         above = max([notice.world_epoch for notice in self.edge_maps.values()], default=0)
-        return [Solve(robots, pairs, known, final, self.world, above)]
+        return [Solve(robots, pairs, theirs, final, self.world, above)]
 
     def _solved(self, transforms: Transforms | None) -> list[Instruction]:
         self.solving = False

@@ -94,7 +94,7 @@ def test_the_final_world_waits_for_the_edges_final_verdicts() -> None:
     solve = only(Solve, steps)
     assert solve.final
     assert [(each.a, each.b) for each in solve.verdicts] == [("r1", "r2")]
-    assert solve.pairs == ()
+    assert solve.pairs == (("r1", "r2"),)  # all: which need a search is told from all maps
 
 
 def test_the_final_map_is_composed_once_every_part_is_final() -> None:

@@ -43,9 +43,8 @@ def final_map(grids: dict[str, Grid], groups: list[list[str]], tracks: Tracks | 
         raster = Raster(0.05)
         raster.follow(grids[name])
         cloud.put_sketch(name, 0.05, 1, True, [(x, y, encode_occupancy(c)) for (x, y), c in raster.tiles.items()])
-    across = [pair for pair in all_pairs(grids) if not any(set(pair) <= set(group) for group in groups)]
     solved = cloud.solve(
-        sorted(grids), across, encode(Verdicts(owner="edges", pairs=tuple(by_edges))), True, None, 0, {}
+        sorted(grids), all_pairs(grids), encode(Verdicts(owner="edges", pairs=tuple(by_edges))), True, None, 0, {}
     )
     if tracks is not None:
         solved |= cloud.correct(solved["transforms"], solved["merged"], {n: tracks[n] for g in groups for n in g})
