@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import itertools
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -19,84 +18,12 @@ from bench.lines import draw_lines
 from bench.overlap_error import overlap_error
 from bench.responsiveness import responsiveness
 from bench.results import RESULTS, append, show
-from bench.scheduler_graphs import FAMILIES, graph, problem
-from bench.scheduler_peers import kernighan_lin, metis
+from bench.scheduler_cuts import cuts, long_cuts, methods, timed
+from bench.scheduler_graphs import graph, problem
 from bench.scheduler_times import KAPPA, TAU, completion, planned
-from services.scheduler.baselines import greedy_grouping, random_balanced_grouping
-from services.scheduler.cut import least_cut
-from services.scheduler.graph import Groups, Weights, cut
-from services.scheduler.grouping import balanced_grouping, initial_grouping
+from services.scheduler.grouping import initial_grouping
 from services.scheduler.policies import POLICIES
 from services.scheduler.tabu import tabu_search
-
-SEARCH_S = 0.5
-LONG_S = 4.0
-Grouping = Callable[[Weights, int], Groups]
-
-
-def timed(work: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
-    begin = time.process_time()
-    return work(*arguments), time.process_time() - begin
-
-
-def within(budget_s: float) -> Callable[[Weights, int], Groups]:
-    """Policy `cut` with this budget."""
-
-    def search(weights: Weights, count: int) -> Groups:
-        begin = time.process_time()
-        rng = np.random.default_rng(0)
-        return least_cut(weights, count, rng, lambda: (time.process_time() - begin) / budget_s).groups
-
-    return search
-
-
-def methods(robots: int) -> dict[str, Grouping]:
-    budget = 0.1 if robots <= 50 else 0.5 if robots <= 200 else 5.0
-    found: dict[str, Grouping] = {
-        "random-balanced": lambda w, n: random_balanced_grouping(len(w), n, np.random.default_rng(0)),
-        "greedy": lambda w, n: greedy_grouping(w, n, np.random.default_rng(0)),
-        "algorithm 1": initial_grouping,
-        "paper": lambda w, n: balanced_grouping(w, n, KAPPA, TAU),
-        "paper-intended": lambda w, n: balanced_grouping(w, n, 10 * KAPPA, len(w), "intended"),
-        "metis": metis,
-        "cut": within(budget),
-    }
-    if robots <= 50:
-        found["kernighan-lin"] = kernighan_lin
-    return found
-
-
-def cuts(quick: bool) -> list[dict[str, Any]]:
-    """Each method's cut over the smallest seen, by family and size; both plus 0.1 % of all overlap, as 0 occurs."""
-    sizes = [(10, 3), (20, 4), (50, 5)] + ([] if quick else [(200, 20), (1000, 50)])
-    rows = []
-    for (robots, edges), family in itertools.product(sizes, FAMILIES):
-        ratios: dict[str, list[float]] = {}
-        seconds: dict[str, list[float]] = {}
-        for seed in range(3 if quick or robots > 50 else 8):
-            weights = graph(family, robots, seed)
-            found = {name: timed(method, weights, edges) for name, method in methods(robots).items()}
-            values = {name: cut(weights, groups) for name, (groups, _) in found.items()}
-            if robots <= 200:
-                values["long"] = cut(weights, within(LONG_S if robots > 50 else SEARCH_S)(weights, edges))
-            best, least = min(values.values()), 5e-4 * float(weights.sum())
-            for name, (_, spent) in found.items():
-                ratios.setdefault(name, []).append((values[name] + least) / (best + least))
-                seconds.setdefault(name, []).append(spent)
-        for name in ratios:
-            rows.append(
-                {
-                    "family": family,
-                    "robots": robots,
-                    "edges": edges,
-                    "method": name,
-                    "over_best": float(np.median(ratios[name])),
-                    "worst": float(max(ratios[name])),
-                    "cpu_ms": 1e3 * float(np.median(seconds[name])),
-                }
-            )
-        show(rows[-len(ratios) :])
-    return rows
 
 
 def growth(quick: bool) -> list[dict[str, Any]]:
@@ -151,13 +78,19 @@ def answers(quick: bool) -> list[dict[str, Any]]:
     return rows
 
 
+def completion_times(quick: bool, tasks: int) -> list[dict[str, Any]]:
+    """Mean t_c of each policy over that of recslam, and how often the policies are out of order."""
+    return completion(min(tasks, 6) if quick else tasks)
+
+
 PARTS: dict[str, Callable[..., list[dict[str, Any]]]] = {
     "latency": latency,
     "growth": growth,
+    "best-cuts": long_cuts,
     "cuts": cuts,
     "overlaps": overlaps,
     "responsiveness": answers,
-    "completion": lambda quick, tasks: completion(min(tasks, 6) if quick else tasks),
+    "completion": completion_times,
 }
 
 

@@ -37,7 +37,8 @@ def offline_lines(found: dict[str, Any]) -> Iterator[str]:
     for number, (group, inside) in enumerate(zip(found["groups"], found["in_group"], strict=True), 1):
         robots = ", ".join(names[index] for index in group) or "nobody"
         yield f"group {number} ({len(group)}, overlap within {inside:.3f}): {robots}"
-    yield f"overlap across groups {found['cut']:.3f}; policy {found['policy']}, {1e3 * found['seconds']:.1f} ms"
+    across = f"overlap across groups {found['cut']:.3f} of {found['total_weight']:.3f} in all"
+    yield f"{across}; policy {found['policy']}, {1e3 * found['seconds']:.1f} ms"
 
 
 async def why(bus: Bus) -> tuple[Plan, OverlapMatrix | None]:

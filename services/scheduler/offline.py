@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 import zipfile
 from collections.abc import Callable
@@ -13,9 +14,13 @@ import numpy as np
 
 from common.errors import BadFile, UsageError
 from services.scheduler.costs import Problem
+from services.scheduler.cut import SMALL, SURE
 from services.scheduler.graph import Weights, quantise
 from services.scheduler.policies import plan
 from services.scheduler.routes_file import coverage, read_routes
+
+COMPILE_LOOKS = 100.0
+"""at the clock, after which a search ends that only compiles"""
 
 
 @dataclass(frozen=True)
@@ -29,7 +34,7 @@ class OfflinePlan:
     in_group: tuple[float, ...]
     """sum of overlaps within each group"""
     seconds: float
-    """time to make the plan; the first of a process may hold compilation"""
+    """time to make the plan, compilation apart"""
     robots: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -39,6 +44,7 @@ class OfflinePlan:
             "robots": list(self.robots),
             "sizes": [len(group) for group in self.groups],
             "cut": self.cut,
+            "total_weight": self.cut + sum(self.in_group),
             "in_group": list(self.in_group),
             "seconds": self.seconds,
         }
@@ -91,6 +97,7 @@ def _plan(
     seed: int,
     clock: Callable[[], float],
 ) -> OfflinePlan:
+    _compile(problem, policy, kappa, tau)
     assignment = plan(problem, policy, budget_s=budget_s, kappa=kappa, tau=tau, seed=seed, clock=clock)
     groups = [np.flatnonzero(assignment.fuse == edge) for edge in range(len(problem.edges))]
     return OfflinePlan(
@@ -101,6 +108,17 @@ def _plan(
         seconds=assignment.seconds,
         robots=names,
     )
+
+
+def _compile(problem: Problem, policy: str, kappa: int, tau: int) -> None:
+    """Plan for the first few robots, so that neither the budget nor the stated time holds what compiling takes.
+
+    The sizes are those at which policy `cut` searches in other ways.
+    """
+    for count in sorted({min(len(problem.robots), size) for size in (SURE, 2 * SURE, SMALL + 1)}):
+        looks = map(float, itertools.count())
+        few = uniform_problem(problem.weights[:count, :count], len(problem.edges))
+        plan(few, policy, budget_s=COMPILE_LOOKS, kappa=kappa, tau=tau, clock=looks.__next__)
 
 
 def read_matrix(path: Path) -> Weights:

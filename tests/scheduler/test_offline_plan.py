@@ -23,6 +23,7 @@ def test_every_policy_groups_all_robots_of_a_file(tmp_path, policy: str) -> None
         labels[list(group)] = edge
     assert sorted(robot for group in result.groups for robot in group) == list(range(14))
     assert result.cut == cut(weights, labels)
+    assert result.to_dict()["total_weight"] == weights.sum() / 2
     assert result.to_dict()["sizes"] == [len(group) for group in result.groups]
 
 
