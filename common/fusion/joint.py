@@ -51,7 +51,7 @@ class Joint(NamedTuple):
     after: float
     """share of walls that lie within a cell of the other map's, placed rigidly and corrected"""
     moved_m: float
-    """most that any place was moved by"""
+    """most that any wall was moved by"""
 
     @property
     def told(self) -> str:
@@ -78,7 +78,7 @@ def correct(robots: Mapping[str, Robot], pairs: Iterable[Pair], settings: Fusion
     for names in sorted(sorted(group) for group in nx.connected_components(graph)):
         moved = _relaxed({name: chains[name] for name in names}, robots, tied)
         warps |= {name: warp(robots[name].map, chains[name].poses, moved[name]) for name in names}
-    most = max((float(np.hypot(*np.reshape(w.shifts_um, (-1, 2)).T).max()) * 1e-6 for w in warps.values()), default=0.0)
+    most = max((_furthest(robots[name].map, each) for name, each in warps.items()), default=0.0)
     before, after = _agreement(robots, pairs, {}), _agreement(robots, pairs, warps)
     kept = after > before and most <= settings.max_bend_m
     return Joint(warps if kept else {}, before, after, most)
@@ -122,6 +122,11 @@ def _tie(a: Keyframes, b: Keyframes, tie: Tie) -> tuple[int, int, NDArray[np.flo
     c, s = np.cos(seen[2]), np.sin(seen[2])
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ lever
     return i, j, between(a.poses[i], seen), BOTH_WAYS * np.linalg.inv(turn @ tie.covariance @ turn.T + FLOOR)
+
+
+def _furthest(map_: MatchMap, warp: Warp) -> float:
+    """Most metres that a wall of the map is moved by."""
+    return float(np.hypot(*shifts(warp, map_.sample.points).T).max(initial=0.0))
 
 
 def _agreement(robots: Mapping[str, Robot], pairs: Iterable[Pair], warps: Mapping[str, Warp]) -> float:
