@@ -59,8 +59,8 @@ class SchedulerState:
     link_since: float = float("-inf")
     planning: bool = False
     moved: int = 0
-    wished: dict[str, str] = field(default_factory=dict)
-    """robot → edge that the last plan would run it on; it moves when the next one says so again"""
+    wished: dict[str, tuple[str, str]] = field(default_factory=dict)
+    """robot → SLAM and fusing edge that the last plan would change to; done when the next one says so again"""
     stranded: set[str] = field(default_factory=set)
     """robots that reach no edge that is there"""
     counters: Counter[str] = field(default_factory=Counter)
@@ -215,8 +215,8 @@ class SchedulerState:
             if slam not in self.reachable(robot, alive):
                 self.counters["moves out of reach refused"] += 1
                 continue
-            if slam != old.slam_edge and before.get(robot) != slam:
-                self.wished[robot] = slam  # to rebuild a map is dear, and measurements are noisy
+            if before.get(robot) != (slam, fuse):
+                self.wished[robot] = slam, fuse  # measurements are noisy, and to regroup may blur overlaps for a while
                 continue
             epoch = old.epoch if slam == old.slam_edge else (self.term, self.count + 1)
             self.routes[robot] = Route(slam_edge=slam, fuse_edge=fuse, epoch=epoch)

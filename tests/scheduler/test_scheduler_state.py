@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections import Counter
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -181,21 +182,27 @@ def test_fusing_elsewhere_keeps_the_epoch_and_running_elsewhere_raises_it() -> N
     state = scheduler("e1", "e2")
     come(state, "r1")
     old = table(come(state, "r2")).routes
-    slam = {"r2": "e1"}
-    first = table(state.handle(Planned(state.epoch, slam, {"r1": "e2", "r2": "e2"}, 5.0))).routes
-    assert (first["r1"].fuse_edge, first["r1"].epoch) == ("e2", old["r1"].epoch)
-    second = table(state.handle(Planned(state.epoch, slam, {"r1": "e2", "r2": "e2"}, 8.0))).routes
-    assert (second["r2"].slam_edge, second["r2"].epoch) == ("e1", state.epoch)
+    slam, fuse = {"r2": "e1"}, {"r1": "e2", "r2": "e2"}
+    assert state.handle(Planned(state.epoch, slam, fuse, 5.0)) == []
+    new = table(state.handle(Planned(state.epoch, slam, fuse, 8.0))).routes
+    assert (new["r1"].fuse_edge, new["r1"].epoch) == ("e2", old["r1"].epoch)
+    assert (new["r2"].slam_edge, new["r2"].epoch) == ("e1", state.epoch)
 
 
-def test_a_robot_is_run_elsewhere_only_when_two_plans_in_a_row_say_so() -> None:
+@pytest.mark.parametrize("what", ["slam", "fuse"])
+def test_a_robot_is_run_or_fused_elsewhere_only_when_two_plans_in_a_row_say_so(what: str) -> None:
     state = scheduler("e1", "e2")
     come(state, "r1")
     come(state, "r2")
-    away, stay = {"r1": "e2"}, {"r1": "e1"}
-    for slam in (away, stay, away):
-        assert state.handle(Planned(state.epoch, slam, {"r1": "e1"}, 5.0)) == []
-    assert table(state.handle(Planned(state.epoch, away, {"r1": "e1"}, 8.0))).routes["r1"].slam_edge == "e2"
+
+    def plan(edge: str) -> Planned:
+        asked = {"slam": {"r1": "e1"}, "fuse": {"r1": "e1"}} | {what: {"r1": edge}}
+        return Planned(state.epoch, asked["slam"], asked["fuse"], 5.0)
+
+    for edge in ("e2", "e1", "e2"):
+        assert state.handle(plan(edge)) == []
+    route = table(state.handle(plan("e2"))).routes["r1"]
+    assert (route.slam_edge if what == "slam" else route.fuse_edge) == "e2"
 
 
 def test_a_plan_that_failed_lets_the_next_one_be_made() -> None:
