@@ -6,6 +6,9 @@ through the rooms of one floor, footprints by ray casting) and `floors` (2-8 flo
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -89,6 +92,16 @@ def _look(walls, way, reach):  # type: ignore[no-untyped-def]
     return np.array(points)
 
 
+@lru_cache(maxsize=128)
+def _floor_seen(
+    family: str, robots: int, seed: int
+) -> tuple[list[Footprint], NDArray[np.float64], tuple[Any, ...], Any]:
+    """Footprints, their overlaps and cells, and where the random numbers go on: alike for all edges and links."""
+    rng = np.random.default_rng(seed)
+    seen = footprints(family, robots, rng)
+    return seen, overlap_matrix(seen).weights, lattice_cells(seen), rng.bit_generator.state
+
+
 REGIMES = {"compute": 4e6, "balanced": 1e6, "network": 0.4e6}
 """bytes/s from an edge to the cloud"""
 
@@ -98,7 +111,7 @@ def problem(
 ) -> Problem:
     """Edges whose speed differs by up to `speeds` times and whose links by up to `links` times, log-uniformly."""
     rng = np.random.default_rng(seed)
-    seen = footprints(family, robots, rng)
+    seen, weights, cells, rng.bit_generator.state = _floor_seen(family, robots, seed)
 
     def uneven(spread: float, *shape: int) -> NDArray[np.float64]:
         return np.asarray(np.exp(rng.uniform(-0.5, 0.5, shape) * np.log(spread)))
@@ -107,8 +120,8 @@ def problem(
     return Problem(
         robots=tuple(each.robot for each in seen),
         edges=tuple(f"e{index}" for index in range(edges)),
-        weights=overlap_matrix(seen).weights,
-        footprints=lattice_cells(seen),
+        weights=weights,
+        footprints=cells,
         reachable=np.ones((robots, edges), dtype=bool),
         robot_bandwidth=5e6 * uneven(links, robots, edges),
         edge_bandwidth=REGIMES[regime] * uneven(links, edges),

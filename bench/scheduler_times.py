@@ -32,8 +32,7 @@ ORDER = ("recslam", "paper", "greedy", "random")
 """from what should be the quickest to the slowest"""
 SAMPLE = 10
 """every so manieth instance is searched for long"""
-LONG = 20
-"""times the budget of `recslam`"""
+LONG_S = 1.0
 
 
 class Scored(NamedTuple):
@@ -115,9 +114,9 @@ def truth(task: Problem, rng: np.random.Generator) -> Problem:
 
 
 def long_search(task: Problem, seed: int) -> float:
-    """The least predicted t_c that LONG times recslam's budget of search for nothing else find."""
-    weights, budget, begin = quantise(task.weights), LONG * budget_s(len(task.robots)), time.process_time()
-    settings = Settings(KAPPA, TAU, seed + 1, lambda: (time.process_time() - begin) / budget)
+    """The least predicted t_c that LONG_S of search for nothing else find."""
+    weights, begin = quantise(task.weights), time.process_time()
+    settings = Settings(KAPPA, TAU, seed + 1, lambda: (time.process_time() - begin) / LONG_S)
     groups = balanced_grouping(weights, len(task.edges), KAPPA, TAU)
     choice, _ = least_time(task, settings, weights, groups)
     return predict(task, choice.slam, choice.fuse).total
