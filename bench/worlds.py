@@ -29,6 +29,7 @@ from common.fusion.pairs import seed_of
 from common.fusion.picture import overlay, write_png
 from common.geometry import between
 from common.sim import SimulatedRobot, load_scene
+from common.sim.scene import Scene
 from services.edge_worker.slam.kernel import create
 from services.robot_agent.packing import pack
 
@@ -68,7 +69,8 @@ def main() -> None:
 
 def judge(scene: str, seed: int) -> Iterator[Row]:
     """Every pair of the scene's first four robots."""
-    maps = {robot: drive(scene, robot, seed) for robot in sorted(load_scene(scene).routes)[:4]}
+    world = load_scene(scene)
+    maps = {robot: drive(world, robot, seed) for robot in sorted(world.routes)[:4]}
     for (a, (map_a, frame_a)), (b, (map_b, frame_b)) in combinations(maps.items(), 2):
         truth = between(frame_a, frame_b)
         result = match(map_a, map_b, seed=seed_of(a, b))
@@ -82,9 +84,9 @@ def judge(scene: str, seed: int) -> Iterator[Row]:
         yield Row(scene, seed, f"{a}-{b}", kind, right, merged and not right, gap[0], result.runner_up, told)
 
 
-def drive(scene: str, robot: str, seed: int) -> tuple[MatchMap, NDArray[np.float64]]:
+def drive(scene: Scene, robot: str, seed: int) -> tuple[MatchMap, NDArray[np.float64]]:
     """A robot's map, and the pose of its frame in the world by all of its trajectory."""
-    simulated = SimulatedRobot(load_scene(scene), robot, seed)
+    simulated = SimulatedRobot(scene, robot, seed)
     kernel = create("graph", {}, 0)
     for seq, sweep in enumerate(simulated.sweeps()):
         kernel.process(pack(sweep, robot, "0" * 32, seq))
