@@ -58,6 +58,7 @@ class Planned:
 class Relieved:
     """An edge cannot keep up: these robots shall be run elsewhere, whatever has been planned."""
 
+    edge: str
     moves: Mapping[str, str]
     """robot → edge"""
     reason: str

@@ -131,14 +131,14 @@ class Scheduler:
         self._overloads.reported(status, self._clock())
         if self._fleet.scheduler.policy == "static" or not self.state.topology.regroups:
             return
-        alive = self.state.alive_edges()
-        reach = {each.robot: self.state.reachable(each.robot, alive) for each in status.instances}
+        rested = self.state.rested_edges(self._clock())
+        reach = {each.robot: self.state.reachable(each.robot, rested) for each in status.instances}
         relief = self._overloads.relief(status.edge, reach)
         if relief is None:
             return
         if not relief.moves:
             self._problem(relief.reason)
-        self._feed(scheduling.Relieved(relief.moves, relief.reason, self._clock()))
+        self._feed(scheduling.Relieved(status.edge, relief.moves, relief.reason, self._clock()))
 
     async def _hear_link(self) -> None:
         async for link in self._bus.watch_link():

@@ -34,6 +34,8 @@ from services.scheduler.topology import Topology
 
 SETTLE_S = 10.0
 """once an edge is there, how long the first placing waits for the others that the fleet file names"""
+REST_S = 120.0
+"""for which no plan brings SLAM to an edge that could not keep up"""
 SAID = 32
 """changes that the reason for a table names"""
 
@@ -61,6 +63,8 @@ class SchedulerState:
     moved: int = 0
     wished: dict[str, tuple[str, str]] = field(default_factory=dict)
     """robot → SLAM and fusing edge that the last plan would change to; done when the next one says so again"""
+    relieved: dict[str, float] = field(default_factory=dict)
+    """edge → when it last could not keep up"""
     stranded: set[str] = field(default_factory=set)
     """robots that reach no edge that is there"""
     counters: Counter[str] = field(default_factory=Counter)
@@ -106,6 +110,10 @@ class SchedulerState:
         """Those of the edges that the robot can reach; none before its profile tells."""
         profile = self.profiles.get(robot)
         return [edge for edge in edges if profile is not None and (profile.edges is None or edge in profile.edges)]
+
+    def rested_edges(self, now: float) -> list[str]:
+        """Edges that are there and have kept up lately."""
+        return [edge for edge in self.alive_edges() if now - self.relieved.get(edge, -REST_S) >= REST_S]
 
     def load(self) -> Counter[str]:
         """How many present robots each edge runs."""
@@ -206,10 +214,12 @@ class SchedulerState:
             self.counters["plans overtaken by events"] += 1
             return []
         before, self.wished = self.wished, {}
+        rested = self.rested_edges(plan.now)
         moves = []
         for robot, fuse in sorted(plan.fuse.items()):
             old = self.routes[robot]
             slam = plan.slam.get(robot, old.slam_edge)
+            slam = slam if slam in rested else old.slam_edge
             if (slam, fuse) == (old.slam_edge, old.fuse_edge):
                 continue
             if slam not in self.reachable(robot, alive):
@@ -226,6 +236,7 @@ class SchedulerState:
 
     def _relieved(self, relief: Relieved) -> list[Instruction]:
         alive, moves = self.alive_edges(), []
+        self.relieved[relief.edge] = relief.now
         for robot, edge in sorted(relief.moves.items()):
             if not self._steady(relief.now) or edge not in self.reachable(robot, alive):
                 continue

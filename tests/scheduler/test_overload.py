@@ -8,6 +8,7 @@ from common.config import EdgeConfig, EdgeEntry, Fleet, RobotConfig, RobotEntry,
 from common.wire import EdgeStatus, InstanceStatus, RobotProfile, RobotStatus
 from services.scheduler.events import (
     EdgeSeen,
+    Planned,
     Profiled,
     Publish,
     Relieved,
@@ -164,7 +165,7 @@ def test_relief_is_a_table_of_its_own_that_names_no_edge_out_of_reach_or_gone() 
     state.handle(Tick(5.0))
     run = {robot: route.slam_edge for robot, route in state.routes.items()}
     mover = next(robot for robot in ("r1", "r3") if run[robot] == "e1")
-    steps = state.handle(Relieved({mover: "e2", "r2": "e2", "r4": "e9"}, "e1 cannot keep up", 6.0))
+    steps = state.handle(Relieved("e1", {mover: "e2", "r2": "e2", "r4": "e9"}, "e1 cannot keep up", 6.0))
     assert len(steps) == 1
     assert isinstance(steps[0], Publish)
     assert "e1 cannot keep up" in steps[0].reason
@@ -173,4 +174,10 @@ def test_relief_is_a_table_of_its_own_that_names_no_edge_out_of_reach_or_gone() 
     assert after[mover].epoch == steps[0].routes.epoch
     assert after["r2"].slam_edge == "e1"
     state.validate()
-    assert state.handle(Relieved({mover: "e9"}, "e2 cannot keep up", 7.0)) == []
+    back = {mover: "e1"}
+    for now in (10.0, 20.0, 30.0):
+        assert state.handle(Planned(state.epoch, back, {mover: "e1"}, now)) == [], "no plan undoes it at once"
+    for now in (130.0, 140.0):
+        steps = state.handle(Planned(state.epoch, back, {mover: "e1"}, now))
+    assert [step.routes.routes[mover].slam_edge for step in steps if isinstance(step, Publish)] == ["e1"]
+    assert state.handle(Relieved("e2", {mover: "e9"}, "e2 cannot keep up", 7.0)) == []
