@@ -3,7 +3,8 @@
 Each robot's way is an elastic chain of keyframes (common.fusion.keyframes); wherever two maps overlap, their walls tie
 a keyframe of one robot to one of the other (common.fusion.ties). What comes out is a warp a map. It depends on nothing
 but final maps, trajectories and rigid transforms, taken in sorted order; and it is taken back where it does not make
-more walls agree.
+more walls agree: maps that differ by less than walls are told apart by are not bent, and correcting them would only
+pass their noise around.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from common.grid.warp import shifts
 from common.wire.cloud import Warp
 
 ITERATIONS = 20
+WORTH = 0.01
+"""share of the walls that must come to agree: of some thousand walls, twice what chance makes of it"""
 BOTH_WAYS = 0.5
 """a pair is tied from either side: together they count once"""
 
@@ -49,14 +52,14 @@ class Joint(NamedTuple):
     warps: dict[str, Warp]
     before: float
     after: float
-    """share of walls that lie within a cell of the other map's, placed rigidly and corrected"""
+    """share of walls that lie within the tolerance of the other map's, placed rigidly and corrected"""
     moved_m: float
     """most that any wall was moved by"""
 
     @property
     def told(self) -> str:
         """In words."""
-        agree = f"walls within a cell of each other {self.before:.1%} -> {self.after:.1%}"
+        agree = f"walls that agree {self.before:.1%} -> {self.after:.1%}"
         if not self.warps:
             return f"rigid transforms stay: {agree}, by up to {self.moved_m:.2f} m"
         return f"{len(self.warps)} maps corrected by up to {self.moved_m:.2f} m: {agree}"
@@ -79,8 +82,8 @@ def correct(robots: Mapping[str, Robot], pairs: Iterable[Pair], settings: Fusion
         moved = _relaxed({name: chains[name] for name in names}, robots, tied)
         warps |= {name: warp(robots[name].map, chains[name].poses, moved[name]) for name in names}
     most = max((_furthest(robots[name].map, each) for name, each in warps.items()), default=0.0)
-    before, after = _agreement(robots, pairs, {}), _agreement(robots, pairs, warps)
-    kept = after > before and most <= settings.max_bend_m
+    before, after = (_agreement(robots, pairs, each, settings.tolerance_m) for each in ({}, warps))
+    kept = after - before >= WORTH and most <= settings.max_bend_m
     return Joint(warps if kept else {}, before, after, most)
 
 
@@ -129,8 +132,10 @@ def _furthest(map_: MatchMap, warp: Warp) -> float:
     return float(np.hypot(*shifts(warp, map_.sample.points).T).max(initial=0.0))
 
 
-def _agreement(robots: Mapping[str, Robot], pairs: Iterable[Pair], warps: Mapping[str, Warp]) -> float:
-    """Share of the walls of each map, of those that lie where the other is known, that find a wall within a cell."""
+def _agreement(
+    robots: Mapping[str, Robot], pairs: Iterable[Pair], warps: Mapping[str, Warp], tolerance_m: float
+) -> float:
+    """Share of the walls of each map, of those that lie where the other is known, that find a wall this near."""
     agreeing = known = 0
     for pair in pairs:
         for a, b in (pair, pair[::-1]):
@@ -144,5 +149,5 @@ def _agreement(robots: Mapping[str, Robot], pairs: Iterable[Pair], warps: Mappin
             inside = (x >= 0) & (y >= 0) & (x < target.occupancy.shape[1]) & (y < target.occupancy.shape[0])
             inside[inside] = target.occupancy[y[inside], x[inside]] != UNKNOWN
             known += int(inside.sum())
-            agreeing += int((target.nearest.distance[y[inside], x[inside]] <= 1.01 * target.resolution).sum())
+            agreeing += int((target.nearest.distance[y[inside], x[inside]] <= tolerance_m).sum())
     return agreeing / known if known else 0.0

@@ -58,7 +58,7 @@ def test_a_bent_map_is_straightened_onto_the_other(bent: dict[str, Robot], corre
     rigid = gaps(bent, Joint({}, 0.0, 0.0, 0.0))
     assert rigid.max() > 0.4
     assert gaps(bent, corrected).max() < 0.1
-    assert corrected.after > 0.9 > corrected.before
+    assert corrected.after - corrected.before > 0.05
 
 
 def test_the_order_of_robots_and_pairs_does_not_matter(bent: dict[str, Robot], corrected: Joint) -> None:
@@ -80,10 +80,10 @@ def test_a_correction_beyond_what_drift_can_do_is_taken_back(bent: dict[str, Rob
     assert "rigid transforms stay" in strict.told
 
 
-def test_straight_maps_are_hardly_moved() -> None:
+def test_straight_maps_are_left_alone() -> None:
     straight = {"ant": robot(0.0, HOME, 1), "bee": robot(0.0, AWAY, 2)}
     joint = correct(straight, [("ant", "bee")])
-    assert gaps(straight, joint).max() < 0.03
+    assert joint.warps == {}
     assert joint.moved_m < 0.05
 
 
