@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import secrets
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +24,7 @@ from common.grid.raster import Raster
 from common.grid.tiles import decode_counts, decode_occupancy
 from common.grid.versions import first_version
 from common.wire import FixedPose, Placed, PoseTuple, Transforms, Verdicts, decode, encode
-
-STEADY_M, STEADY_RAD = 0.02, 0.002
-"""live transforms that move less than this stay as published: the frame does not tremble"""
+from services.cloud_merger.changes import reason
 
 
 class MergeHost:
@@ -189,25 +186,6 @@ class MergeHost:
             resolution=resolution,
             robots=placed,
             components=tuple(component(each) for each in solved),
-            reason=_reason(placed, old, final),
+            reason=reason(placed, old.robots if old else None, old is not None and old.final, final),
         )
         return fresh if fresh.reason or old is None else old
-
-
-def _reason(placed: Mapping[str, Placed], old: Transforms | None, final: bool) -> str:
-    """Why there is a new world epoch; empty: nothing worth one has changed."""
-    if old is None:
-        return "first maps"
-    if final:
-        return "final: solved from the final maps alone"
-    if old.final:
-        return "maps have changed since the final world"
-    for name in sorted(set(placed) | set(old.robots)):
-        if name not in placed or name not in old.robots:
-            return f"{name} has {'come' if name in placed else 'gone'}"
-        if placed[name].component != old.robots[name].component:
-            return f"{name} is now in the component of {placed[name].component}"
-        step = np.subtract(placed[name].transform.pose(), old.robots[name].transform.pose())
-        if np.hypot(step[0], step[1]) > STEADY_M or abs(step[2]) > STEADY_RAD:
-            return f"correction: {name} by {np.hypot(step[0], step[1]):.3f} m and {abs(np.degrees(step[2])):.2f} deg"
-    return ""

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 from common.fusion.pairs import Pair, all_pairs, complete
 from common.wire import Covers, EdgeMapNotice, Epoch, MapNotice, PairVerdict, Routes, Transforms
+from services.cloud_merger.changes import parted
 from services.cloud_merger.events import (
     Compose,
     Composed,
@@ -244,6 +245,8 @@ class CloudState:
             self.counters["solves failed"] += 1
             self.changed = True
             return []
+        if self.world is not None:
+            self.counters["un-merges"] += len(parted(transforms.robots, self.world.robots))
         self.world = transforms
         if transforms.final:
             self.settled = {robot: placed.version for robot, placed in transforms.robots.items()}

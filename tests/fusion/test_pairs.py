@@ -189,6 +189,17 @@ def test_places_have_no_say_on_final_maps() -> None:
     assert with_places.checks == 1
 
 
+def test_evidence_against_a_merge_undoes_it() -> None:
+    maps, _ = strip(2)
+    made = filled(maps)
+    made.decide([("r0", "r1")])
+    assert made.verdicts["r0", "r1"].kind == "merged"
+    made.put("r1", mapped(apartment(31), frame_of(1), seed=1), 2, False)
+    made.decide([("r0", "r1")])
+    assert made.verdicts["r0", "r1"].kind != "merged"
+    assert measurements(made.verdicts.values()) == {}
+
+
 def test_start_poses_tell_which_way_a_symmetric_room_is_meant() -> None:
     frames = {"a": np.array([3.0, 2.0, 0.3]), "b": np.array([9.0, 5.0, 2.0])}
     made = filled({name: mapped(symmetric_hall(), frame, seed=k) for k, (name, frame) in enumerate(frames.items())})
