@@ -1,6 +1,6 @@
 """Fusion of many maps: how many are placed, how well, and how many full searches it takes.
 
-    RECSLAM_DATA=... python -m bench.many_maps [--seeds 3] [--growth]
+    RECSLAM_DATA=... python -m bench.many_maps [--seeds 3] [--growth] [--building intel ...]
 
 Fleets of 3, 4, 6 and 12 maps are cut from the logs of three buildings by their corrected poses: stretches of the drive
 that overlap in time, of which one robot has the even and the next the odd scans, each map in a hidden frame of any
@@ -33,7 +33,7 @@ from common.fusion.warmup import warmup
 from common.geometry import between
 
 FLEETS = (3, 4, 6, 12)
-GROWTH = (3, 4, 6, 8, 12, 16, 20, 24)
+GROWTH = (3, 4, 6, 12, 18, 24)
 RIGHT_M, RIGHT_RAD = 0.2, math.radians(2)
 
 
@@ -60,13 +60,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--growth", action="store_true")
+    parser.add_argument("--building", action="append", choices=BUILDINGS)
     options = parser.parse_args()
     if "RECSLAM_DATA" not in os.environ:
         raise SystemExit("set RECSLAM_DATA to the folder of real logs (see docs) to run this bench")
     warmup()
     rows: list[Row] = []
     sizes = sorted({*FLEETS, *GROWTH}) if options.growth else FLEETS
-    for building in BUILDINGS:
+    for building in options.building or BUILDINGS:
         scans = load_scans(Path(os.environ["RECSLAM_DATA"]), building)
         for maps in sizes:
             found = [judge(scans, building, maps, seed) for seed in range(options.seeds)]
