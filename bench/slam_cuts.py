@@ -43,6 +43,8 @@ class Made(NamedTuple):
     map: MatchMap
     frame: NDArray[np.float64]
     """(3,) pose of the map's frame in the reference's, fitted to the whole trajectory"""
+    trajectory: NDArray[np.float64]
+    """(n, 4) stamp s, x m, y m, theta rad in the map's frame"""
 
 
 def slam_pairs(data: Path) -> Iterator[tuple[str, Cut]]:
@@ -73,8 +75,9 @@ def _made(data: Path, building: str, part: int, parts: int) -> Made:
     with np.load(path) as kept:
         x, y = (int(v) for v in kept["origin"])
         map_ = MatchMap.of(kept["occupancy"], (x, y), float(kept["resolution"]))
-        ours, theirs = associate(np.loadtxt(data / LOGS[building][1]), kept["trajectory"], MAX_GAP_S)
-    return Made(building, (part, parts), map_, fit(theirs[:, 1:3], ours[:, 1:3]))
+        trajectory = kept["trajectory"]
+    ours, theirs = associate(np.loadtxt(data / LOGS[building][1]), trajectory, MAX_GAP_S)
+    return Made(building, (part, parts), map_, fit(theirs[:, 1:3], ours[:, 1:3]), trajectory)
 
 
 def _make(log: Path, part: int, parts: int, path: Path) -> None:
