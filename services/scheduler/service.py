@@ -265,7 +265,7 @@ class Scheduler:
         def word(alive: bool) -> str:
             return "alive" if alive else "gone"
 
-        state = self.state
+        state, edges = self.state, self.state.alive_edges()
         stranded = [f"robot/{robot}: no edge that it reaches is there" for robot in sorted(state.stranded)]
         return SchedulerStatus(
             epoch=state.epoch,
@@ -276,7 +276,7 @@ class Scheduler:
             moved=state.moved,
             stages=dict(self._stages),
             counters={**state.counters, "messages refused": self._bus.counters.refused.total()},
-            measured=self._inputs.figures(state.alive_edges()),
+            measured={**self._inputs.figures(edges), **{f"late {edge} s": self._overloads.late_s(edge) for edge in edges}},
             problems=(*self._bus.problems, *self._problems, *stranded)[-16:],
         )
 
