@@ -276,7 +276,10 @@ class Scheduler:
             moved=state.moved,
             stages=dict(self._stages),
             counters={**state.counters, "messages refused": self._bus.counters.refused.total()},
-            measured={**self._inputs.figures(edges), **{f"late {edge} s": self._overloads.late_s(edge) for edge in edges}},
+            measured={
+                **self._inputs.figures(edges),
+                **{f"late {edge} s": self._overloads.late_s(edge) for edge in edges},
+            },
             problems=(*self._bus.problems, *self._problems, *stranded)[-16:],
         )
 
