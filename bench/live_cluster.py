@@ -4,7 +4,9 @@
 
 `steady`: five robots map two rooms and then stand still for ten minutes: nothing changes but the noise of measurements.
 `throttled`: the edge that runs the most robots gets a CPU limit (a cgroup of its own: this needs root), later lifted.
-`moving`: one robot crosses from one room to the other and stands in the corridor at last. Writes results/live_cluster.json.
+`moving`: one robot crosses from one room to the other and stands in the corridor at last.
+
+Writes results/live_cluster.json.
 """
 
 from __future__ import annotations
