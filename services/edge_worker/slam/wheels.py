@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-SCALE_MEMORY_M, SCALE_BASE_M = 50.0, 5.0
+SCALE_MEMORY_M, SCALE_BASE_M = 200.0, 2.0
 """metres of driving that the scale is learned from, at most, and before it is believed in full"""
 SCALE_LIMIT = 0.25
 """share by which wheels can err in distance; more is slip, or a wrong match"""
@@ -38,6 +38,10 @@ class Wheels:
         """metres driven per metre that odometry tells"""
         self.scale_m = 0.0
         """m of motion that the scale was learned from"""
+        self.lesson = np.empty(0)
+        """(2,) scale by the latest frame, and m; not taken yet, as slip may just have begun; empty for none"""
+        self.calm = 0
+        """frames since wheels surged"""
         self.steps = np.empty((0, 2))
         """(k, 2) of the latest frames: m ahead (behind: negative), and s"""
         self.surge = 0.0
@@ -55,6 +59,7 @@ class Wheels:
         self.surge = self._excess(step, dt)
         self.slipping = self.surge > 0.0 and self._sudden(step / dt)
         self.steps = np.vstack([self.steps[1 - SPEEDS :], (step, dt)])
+        self._take_lesson()
         return 1.0 - self.surge / abs(step) if self.slipping else 1.0
 
     def believed(self, motion: NDArray[np.float64], dt: float) -> float:
@@ -66,18 +71,20 @@ class Wheels:
     def unwatched(self) -> None:
         """The next frame tells no speed: its motion was not measured, or its stamp is too near or too far."""
         self.surge, self.slipping = 0.0, False
+        self._take_lesson()
 
     def learn(self, motion: NDArray[np.float64], told: NDArray[np.float64]) -> None:
-        """Compare the matched motion (3,), held by the walls alone, with what odometry told."""
+        """Compare the matched motion (3,), held by the walls alone, with what odometry told.
+
+        Frames next to a surge are left out: as slip begins and ends, a part of them is slip.
+        """
         length = float(np.hypot(told[0], told[1]))
-        if not SCALE_STEP_M <= length <= LONGEST_STEP_M:
+        if self.calm < 2 or not SCALE_STEP_M <= length <= LONGEST_STEP_M:
             return
-        scale = float(motion[:2] @ told[:2]) / length**2
-        if abs(scale / self.scale - 1.0) > SCALE_LIMIT:
-            return
-        self.scale_m = min(self.scale_m + length, SCALE_MEMORY_M)
-        self.scale += min(length / max(self.scale_m, SCALE_BASE_M), 1.0) * (scale - self.scale)
-        self.scale = float(np.clip(self.scale, 1.0 - SCALE_LIMIT, 1.0 + SCALE_LIMIT))
+        matched, scaled = float(motion[:2] @ told[:2]) / length, length * self.scale
+        # Both are noisy: a limit to a share of only one of them would choose frames in which that one is large.
+        if abs(scaled - matched) <= SCALE_LIMIT * (scaled + matched) / 2:
+            self.lesson = np.array([matched / length, length])
 
     def state(self) -> dict[str, Any]:
         """Everything, as msgpack and arrays take it."""
@@ -90,6 +97,16 @@ class Wheels:
         for name in vars(self):
             setattr(self, name, state[name])
         return self
+
+    def _take_lesson(self) -> None:
+        """Learn from the frame before, unless wheels surge by now."""
+        lesson, self.lesson = self.lesson, np.empty(0)
+        self.calm = 0 if self.surge > 0.0 else self.calm + 1
+        if self.calm and len(lesson):
+            scale, length = lesson.tolist()
+            self.scale_m = min(self.scale_m + length, SCALE_MEMORY_M)
+            self.scale += min(length / max(self.scale_m, SCALE_BASE_M), 1.0) * (scale - self.scale)
+            self.scale = float(np.clip(self.scale, 1.0 - SCALE_LIMIT, 1.0 + SCALE_LIMIT))
 
     def _excess(self, step: float, dt: float) -> float:
         """m by which the next frame, and it together with those before it, surpass the usual speed."""
