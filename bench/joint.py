@@ -25,8 +25,9 @@ from common.evaluation.trajectory import absolute_error, fit_all
 from common.formats.rover import RoverLog
 from common.fusion.joint import Joint, Robot, correct
 from common.fusion.matchmap import MatchMap
-from common.fusion.pairs import PairTable, all_pairs, measurements
+from common.fusion.pairs import PairTable, all_pairs
 from common.fusion.solve import solve
+from common.fusion.verdicts import measurements
 from common.geometry import compose
 from common.grid import Grid
 from common.grid.compose import add, cap_votes, compose_into

@@ -26,9 +26,10 @@ from bench.lines import draw_lines
 from bench.results import RESULTS, append
 from common.fusion.matchmap import MatchMap
 from common.fusion.overlap import shared_area
-from common.fusion.pairs import PairTable, all_pairs, measurements
+from common.fusion.pairs import PairTable, all_pairs
 from common.fusion.settings import FusionSettings
 from common.fusion.solve import solve
+from common.fusion.verdicts import measurements
 from common.fusion.warmup import warmup
 from common.geometry import between
 

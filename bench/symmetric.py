@@ -24,8 +24,9 @@ from bench.cuts import Cut, error
 from bench.results import append
 from bench.worlds import drive
 from common.fusion.matchmap import MatchMap
-from common.fusion.pairs import PairTable, all_pairs, measurements
+from common.fusion.pairs import PairTable, all_pairs
 from common.fusion.solve import solve
+from common.fusion.verdicts import measurements
 from common.geometry import between
 from common.sim import load_scene
 from common.sim.scene import Scene
@@ -156,7 +157,7 @@ def hall() -> Scene:
 
 WORLDS: dict[str, Callable[[], Scene]] = {"square": square, "hotel": hotel, "hall": hall}
 LANDMARKS = {
-    "symmetric": [(2.1, 3.2, 0.5, 0.35, 0.3), (0.1, 2.3, 0.3, 0.5, 0.0)],
+    "symmetric": [(3.3, 0.05, 0.65, 0.6, 0.0)],
     "hotel": [(6.6, 3.75, 0.5, 0.35, 0.3), (10.4, 4.95, 0.4, 0.3, 0.7), (13.2, 3.8, 0.7, 0.3, 0.0)],
     "hall": [(4.2, 2.9, 0.9, 0.5, 0.5), (6.6, 5.2, 0.6, 0.4, 0.2)],
 }

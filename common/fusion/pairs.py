@@ -13,17 +13,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from common.fusion.cycles import Measurement
-from common.fusion.cycles import Pair as Pair
+from common.fusion.cycles import Measurement, Pair
 from common.fusion.likeness import SIGNIFICANT, likeness
 from common.fusion.match import Match, match, track
 from common.fusion.matchmap import MatchMap
 from common.fusion.overlap import shared_area
 from common.fusion.settings import FusionSettings
 from common.fusion.solve import Solved
-from common.fusion.survey import Place as Place
-from common.fusion.survey import survey
-from common.fusion.verdicts import measurements as measurements
+from common.fusion.survey import Place, survey
 from common.fusion.verdicts import verdict
 from common.geometry.se2 import Pose, between, wrap
 from common.wire.base import PoseTuple

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from common.fusion.pairs import Pair
+from common.fusion.cycles import Pair
 from common.wire import Covers, EdgeMapNotice, MapNotice, PairVerdict, Routes, Transforms, Verdicts
 
 

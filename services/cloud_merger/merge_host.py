@@ -13,9 +13,10 @@ from common.errors import UsageError
 from common.fusion.joint import Robot, correct
 from common.fusion.layout import bounds, lay_out
 from common.fusion.matchmap import MatchMap
-from common.fusion.pairs import PairTable, component, measurements, places
+from common.fusion.pairs import PairTable, component, places
 from common.fusion.settings import FusionSettings
 from common.fusion.solve import Solved, solve
+from common.fusion.verdicts import measurements
 from common.geometry.se2 import compose
 from common.grid import Grid
 from common.grid.compose import compose_into

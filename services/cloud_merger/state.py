@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
-from common.fusion.pairs import Pair, all_pairs, complete
+from common.fusion.cycles import Pair
+from common.fusion.pairs import all_pairs, complete
 from common.wire import Covers, EdgeMapNotice, Epoch, MapNotice, PairVerdict, Routes, Transforms
 from services.cloud_merger.changes import parted
 from services.cloud_merger.events import (

@@ -18,8 +18,9 @@ from common.formats.picture import write_png
 from common.fusion.layout import bounds, lay_out
 from common.fusion.matchmap import MatchMap
 from common.fusion.overlap import Footprints
-from common.fusion.pairs import PairTable, all_pairs, measurements
+from common.fusion.pairs import PairTable, all_pairs
 from common.fusion.solve import Solved, solve
+from common.fusion.verdicts import measurements
 from common.geometry import compose, inverse
 from common.geometry.se2 import Pose
 from common.grid import Grid

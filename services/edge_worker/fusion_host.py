@@ -13,9 +13,10 @@ from typing import Any
 from common.errors import UsageError
 from common.fusion.layout import bounds, lay_out
 from common.fusion.matchmap import MatchMap
-from common.fusion.pairs import PairTable, all_pairs, component, measurements, places
+from common.fusion.pairs import PairTable, all_pairs, component, places
 from common.fusion.settings import FusionSettings
 from common.fusion.solve import Solved, solve
+from common.fusion.verdicts import measurements
 from common.geometry.se2 import compose
 from common.grid import Grid
 from common.grid.compose import cap_votes, compose_into

@@ -11,7 +11,9 @@ from drawn_worlds import apartment, mapped, symmetric_hall
 from common.fusion import pairs
 from common.fusion.match import Match
 from common.fusion.matchmap import MatchMap
-from common.fusion.pairs import PairTable, Place, all_pairs, complete, measurements
+from common.fusion.pairs import PairTable, all_pairs, complete
+from common.fusion.survey import Place
+from common.fusion.verdicts import measurements
 from common.geometry import between
 
 

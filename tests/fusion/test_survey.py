@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from common.fusion.cycles import Pair
-from common.fusion.pairs import all_pairs, measurements
+from common.fusion.pairs import all_pairs
 from common.fusion.settings import FusionSettings
 from common.fusion.solve import solve
 from common.fusion.survey import TRIES, survey
+from common.fusion.verdicts import measurements
 from common.geometry import between, compose
 from common.geometry.se2 import Pose
 from common.wire.edge import PairVerdict, VerdictKind
