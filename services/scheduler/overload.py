@@ -84,7 +84,7 @@ class Overloads:
             choice = {
                 other: used.get(other, 0.0) + self._need(robot, other)
                 for other in reach.get(robot, [])
-                if other != edge and self.late_s(other) < LATE_S
+                if other != edge and self._keeps_up(other)
             }
             best = min(choice, key=lambda other: (choice[other], other), default=None)
             if best is not None and choice[best] <= ROOM:
@@ -97,6 +97,10 @@ class Overloads:
         if last.when - first.when < WATCH_S or last.processed <= first.processed:
             return False  # what does not move at all is no load: it starts, or is stuck and seen to elsewhere
         return self._late(last) > max(LATE_S, self._late(first))
+
+    def _keeps_up(self, edge: str) -> bool:
+        """It has not been half as late as would overload it: no edge that struggles itself is given more to do."""
+        return all(self._late(report) < LATE_S / 2 for report in self._reports[edge])
 
     def _late(self, report: Report) -> float:
         frames = sum(max(0, count - self._allowance) for count in report.waiting.values())

@@ -115,9 +115,9 @@ def test_an_edge_that_does_next_to_nothing_loses_all_robots_that_others_have_roo
 def test_nobody_is_moved_to_an_edge_that_has_no_room_or_is_late_or_out_of_reach() -> None:
     full = Scene({"e1": ("r1", "r2"), "e2": ("r3", "r4")}, scan_ms=45.0)
     late = Scene({"e1": ("r1",), "e2": ("r2",)})
-    for _ in range(15):
+    for second in range(15):
         full.second(e1=5)
-        late.second(e1=5, e2=5)
+        late.second(e1=5, e2=5 if second < 4 else HZ)
     assert full.relief("e1") == {}
     assert late.relief("e1") == {}
     apart = Scene({"e1": ("r1", "r2"), "e2": ()})
