@@ -1,0 +1,163 @@
+"""How still the world stands: walls of consecutive versions of the global map, matched and compared.
+
+    python -m bench.frame [--fleet apartment] [--seconds 600]
+
+Runs the fleet, takes every version of the global map that it can, and compares each with the one before. Walls are
+compared patch by patch (2 x 2 m) and direction by direction: a patch has moved by the median step across its walls,
+of walls that run alike and lie within half a metre. Declared are the events that the cloud names: new world epochs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import signal
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from bench.results import append
+from common.bus import Bus, keys
+from common.bus.tiles import fetch_tiles
+from common.errors import PeerError
+from common.fusion.matchmap import MatchMap
+from common.fusion.walls import SAME_WAY, STRAIGHT
+from common.grid import Grid
+from common.grid.tiles import decode_counts
+from common.wire import GlobalMapNotice, Transforms
+from services.command.run_folder import RunFolder, read_cluster
+
+PATCH_M = 2.0
+MIN_WALLS = 20
+"""wall cells of one direction that a patch is judged by"""
+
+
+@dataclass(frozen=True)
+class Step:
+    """From one version of the global map to the next."""
+
+    version: int
+    epochs: tuple[int, int]
+    declared: str
+    """what the cloud says about the new world epoch; empty: nothing is declared"""
+    worst_m: float
+    """of all patches"""
+    share_still: float
+    """of patches: moved by no more than half a cell"""
+    patches: int
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--fleet", default="apartment")
+    parser.add_argument("--seconds", type=float, default=600.0, help="stop here at the latest")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        command = [str(Path(sys.executable).with_name("recslam")), "up", options.fleet, "--out", folder, "--keep"]
+        run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            versions, reasons = asyncio.run(record(RunFolder(Path(folder)), run, options.seconds))
+        finally:
+            run.send_signal(signal.SIGINT)
+            run.wait()
+    steps = [compare(one, other, reasons) for one, other in pairwise(versions)]
+    if not steps:
+        raise SystemExit("fewer than two versions came; give it more --seconds")
+    half = versions[0][1].resolution / 2
+    for step in steps:
+        print(
+            f"epoch {step.epochs[0]} -> {step.epochs[1]}: worst {step.worst_m * 1000:5.1f} mm of {step.patches:3} "
+            f"patches, {step.share_still:.0%} still  {step.declared}"
+        )
+    quiet = [step for step in steps if not step.declared]
+    moved = sum(step.worst_m > half for step in quiet)
+    print(f"{len(steps)} steps, {len(steps) - len(quiet)} declared; {moved} of the others moved by over half a cell")
+    append("frame", {options.fleet: [asdict(step) for step in steps]})
+
+
+Version = tuple[GlobalMapNotice, MatchMap]
+
+
+async def record(
+    folder: RunFolder, run: subprocess.Popen[bytes], seconds: float
+) -> tuple[list[Version], dict[int, str]]:
+    """All versions that came until the final one or the time is over, and what was declared by world epoch."""
+    while not folder.cluster.exists():
+        if run.poll() is not None:
+            raise SystemExit("the fleet has not started; try `recslam up` to see why")
+        await asyncio.sleep(0.1)
+    cluster = read_cluster(folder.cluster)
+    versions: list[Version] = []
+    reasons: dict[int, str] = {}
+    async with await Bus.open(cluster.endpoint, name="frame bench", role="client", root=cluster.root) as bus:
+
+        async def declared() -> None:
+            async for received in bus.watch(keys.CLOUD_TRANSFORMS):
+                if isinstance(received.message, Transforms):
+                    reasons[received.message.world_epoch] = received.message.reason
+
+        async def taken() -> None:
+            grid, held = Grid(0.05), 0
+            async for received in bus.watch(keys.CLOUD_MAP):
+                notice = received.message
+                if not isinstance(notice, GlobalMapNotice):
+                    continue
+                try:
+                    delta = await fetch_tiles(bus, keys.CLOUD_MAP, held)
+                except PeerError:
+                    continue
+                if delta.whole:
+                    grid = Grid(delta.resolution)
+                grid.replace([((tile.x, tile.y), decode_counts(tile.data, "cloud")) for tile in delta.tiles])
+                held = delta.version
+                told = notice.model_copy(update={"world_epoch": delta.world_epoch})
+                versions.append((told, MatchMap.from_grid(grid)))
+                if notice.final and delta.final:
+                    return
+
+        listening = asyncio.create_task(declared())
+        with suppress(TimeoutError):
+            await asyncio.wait_for(taken(), seconds)
+        listening.cancel()
+    return versions, reasons
+
+
+def compare(before: Version, after: Version, reasons: dict[int, str]) -> Step:
+    epochs = before[0].world_epoch, after[0].world_epoch
+    told = [reasons.get(epoch, "a new world epoch") for epoch in range(epochs[0] + 1, epochs[1] + 1)]
+    moves = patches(before[1], after[1])
+    half = after[1].resolution / 2
+    worst, still = (float(moves.max()), float((moves <= half).mean())) if len(moves) else (0.0, 1.0)
+    return Step(after[0].version, epochs, "; ".join(told), worst, still, len(moves))
+
+
+def patches(before: MatchMap, after: MatchMap) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """How far each patch of walls has moved (n,), m."""
+    walls = after.walls
+    cells = np.floor((walls.points - before.origin) / before.resolution).astype(np.int64)
+    inside = ((cells >= 0) & (cells < before.occupancy.shape[::-1])).all(axis=1)
+    old = np.full(len(cells), -1)
+    old[inside] = before.nearest.wall[cells[inside, 1], cells[inside, 0]]
+    chosen = np.flatnonzero((old >= 0) & (walls.straightness > STRAIGHT))
+    alike = np.abs((walls.normals[chosen] * before.walls.normals[old[chosen]]).sum(axis=1)) > SAME_WAY
+    chosen = chosen[alike & (before.walls.straightness[old[chosen]] > STRAIGHT)]
+    old = old[chosen]
+    across = before.walls.normals[old]
+    across = across * np.where(across @ (1.0, 0.01) < 0, -1.0, 1.0)[:, None]
+    steps = ((walls.points[chosen] - before.walls.points[old]) * across).sum(axis=1)
+    way = (np.floor(np.arctan2(across[:, 1], across[:, 0]) / (np.pi / 4) + 0.5)).astype(np.int64)
+    places = np.column_stack([np.floor(walls.points[chosen] / PATCH_M).astype(np.int64), way])
+    _, patch = np.unique(places, axis=0, return_inverse=True)
+    patch = patch.ravel()
+    groups = [steps[patch == k] for k in range(int(patch.max(initial=-1)) + 1)]
+    return np.array([abs(float(np.median(group))) for group in groups if len(group) >= MIN_WALLS])
+
+
+if __name__ == "__main__":
+    main()
