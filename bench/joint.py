@@ -41,7 +41,7 @@ from services.edge_worker.slam.kernel import create
 from services.robot_agent.packing import pack
 
 RESOLUTION_M = 0.05
-SCENES = {"apartment": 6, "factory": 8, "two_rooms": 4}
+SCENES = {"apartment": 6, "factory": 4}
 RIGID = Joint({}, 0.0, 0.0, 0.0)
 
 
