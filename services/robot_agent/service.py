@@ -206,6 +206,8 @@ class RobotAgent:
     async def _announce_end(self) -> None:
         """Also called when the router comes after the end of the source."""
         if self._bus is not None and self.state.ended:
+            # first its status: who has seen the end must not find counts from before it
+            await self._bus.latch(keys.robot_status(self._entry.id), self.status())
             end = EndOfStream(robot=self._entry.id, stream=self._spool.stream, last_seq=self.state.last_seq)
             await self._bus.latch(keys.robot_end(self._entry.id), end)
 

@@ -133,6 +133,17 @@ async def test_a_live_robot_is_never_blocked(endpoint: str, root: str, open_bus:
         assert (await end_of(bus)).last_seq == 49
 
 
+async def test_who_has_seen_the_end_finds_a_status_that_counts_all_frames(
+    endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path
+) -> None:
+    bus = await open_bus()
+    async with running(fleet_at(endpoint, root), tmp_path, sweeps(30)):
+        await end_of(bus)
+        (answer,) = await bus.get(keys.robot_status(ROBOT))
+        assert isinstance(answer.message, RobotStatus)
+        assert (answer.message.sent, answer.message.ended) == (30, True)
+
+
 async def test_the_whole_spool_is_backfilled_in_pages_of_bounded_size(
     endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path
 ) -> None:
