@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.fusion.evidence import AGREES, OUTSIDE, Evidence, classify, tally
+from common.fusion.evidence import AGREES, CONTRADICTS, OUTSIDE, Evidence, classify, tally
 from common.fusion.matchmap import MatchMap
 from common.fusion.refine import refine
 from common.fusion.settings import FusionSettings
@@ -96,7 +96,7 @@ def weigh_bent(a: MatchMap, b: MatchMap, bent: Bend, settings: FusionSettings) -
         in_a[mine] = classify(a, b.sample.at(mine), pose, settings)
         in_b[theirs] = classify(b, a.sample.at(theirs), inverse(pose), settings)
         brought[mine] = apply(pose, b.sample.points[mine])
-    return tally(a, b, in_a, in_b, brought, rigid)
+    return tally(a, b, in_a, in_b, brought[in_a == CONTRADICTS], rigid)
 
 
 def loosened(

@@ -6,7 +6,6 @@ For each candidate rotation all translations are scored at once by FFT: walls at
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import cv2
 import numpy as np
@@ -30,24 +29,30 @@ def propose_by_correlation(a: MatchMap, b: MatchMap, settings: FusionSettings) -
     cell = settings.coarse_m
     walls_a, free_a, low_a = rasters(a.walls.points, a.free_points, 0.0, cell)
     spread = cv2.GaussianBlur(walls_a, (0, 0), 0.7)
-    diagonal = math.ceil(math.hypot(*np.ptp(b.walls.points, axis=0)) / cell) + 4
-    shape = tuple(scipy.fft.next_fast_len(int(n) + diagonal, real=True) for n in walls_a.shape)
+    angles = candidate_rotations(a.histogram, b.histogram, settings.rotations)
+    turned = [rasters(b.walls.points, b.free_points, angle, cell) for angle in angles]
+    sizes = np.array([walls_b.shape for walls_b, _, _ in turned]).max(axis=0) + walls_a.shape - 1
+    shape = tuple(scipy.fft.next_fast_len(int(n), real=True) for n in sizes)
     attract = scipy.fft.rfft2(spread - settings.repulsion * free_a, shape)
     repel = scipy.fft.rfft2(-settings.repulsion * spread, shape)
     poses: list[NDArray[np.float64]] = []
-    for angle in candidate_rotations(a.histogram, b.histogram, settings.rotations):
-        walls_b, free_b, low_b = rasters(b.walls.points, b.free_points, angle, cell)
-        spectrum = attract * scipy.fft.rfft2(walls_b, shape).conj() + repel * scipy.fft.rfft2(free_b, shape).conj()
-        scores = scipy.fft.irfft2(spectrum, shape)
-        for dy, dx in _peaks(scores, settings.peaks):
-            shift = np.array([_signed(dx, shape[1], walls_b.shape[1]), _signed(dy, shape[0], walls_b.shape[0])])
-            x, y = (low_a - low_b + shift) * cell
-            poses.append(np.array([x, y, float(wrap(angle))]))
+    for angle, (walls_b, free_b, low_b) in zip(angles, turned, strict=True):
+        size = np.array(walls_b.shape[::-1])
+        walls, free = scipy.fft.rfft2(walls_b, shape), scipy.fft.rfft2(free_b, shape)
+        forth = scipy.fft.irfft2(attract * walls.conj() + repel * free.conj(), shape)
+        for dy, dx in _peaks(forth, settings.peaks):
+            shift = np.array([_signed(dx, shape[1], size[0]), _signed(dy, shape[0], size[1])])
+            poses.append(np.array([*((low_a - low_b + shift) * cell), float(wrap(angle))]))
+        # turned by another half, b's rasters are the same, read from the far corner: correlation is convolution
+        back = scipy.fft.irfft2(attract * walls + repel * free, shape)
+        for dy, dx in _peaks(back, settings.peaks):
+            shift = np.array([dx, dy]) - (size - 1)
+            poses.append(np.array([*((low_a + low_b + size + shift) * cell), float(wrap(angle + math.pi))]))
     return np.array(poses).reshape(-1, 3)
 
 
 def candidate_rotations(a: NDArray[np.float64], b: NDArray[np.float64], count: int) -> list[float]:
-    """Angles (rad) that bring b's wall orientations onto a's, best first, each followed by its opposite."""
+    """Angles (rad) that bring b's wall orientations onto a's, best first; their opposites do so as well."""
     spectrum = np.fft.rfft(_smooth(a)) * np.fft.rfft(_smooth(b)).conj()
     likeness = np.fft.irfft(spectrum, ORIENTATION_BINS)
     before, after = np.roll(likeness, 1), np.roll(likeness, -1)
@@ -56,8 +61,7 @@ def candidate_rotations(a: NDArray[np.float64], b: NDArray[np.float64], count: i
     for top in tops[np.argsort(-likeness[tops], kind="stable")][:count]:
         curve = before[top] - 2 * likeness[top] + after[top]
         offset = 0.5 * (before[top] - after[top]) / curve if curve < 0 else 0.0
-        angle = float(top + offset) * (math.pi / ORIENTATION_BINS)
-        angles += [angle, angle + math.pi]
+        angles.append(float(top + offset) * (math.pi / ORIENTATION_BINS))
     return angles
 
 
@@ -97,14 +101,32 @@ def _mark(raster: Raster, points: NDArray[np.float64], c: float, s: float, low: 
             raster[y, x] = 1.0
 
 
-def _peaks(scores: NDArray[np.float32], count: int) -> Iterator[tuple[int, int]]:
-    """(row, column) of the highest local maxima, highest first, ties by place."""
-    top = scores >= cv2.dilate(scores, np.ones((5, 5), np.uint8), borderType=cv2.BORDER_REPLICATE)
-    places = np.flatnonzero(top & (scores > 0))
-    order = np.lexsort((places, -scores.ravel()[places]))[:count]
-    for place in places[order]:
-        row, column = divmod(int(place), scores.shape[1])
-        yield row, column
+def _peaks(scores: NDArray[np.float32], count: int) -> NDArray[np.int64]:
+    """(n, 2) row and column of the highest local maxima above 0, at most `count`, highest first, ties by place."""
+    found, places = _highest(scores, count)
+    return np.asarray(places[:found])
+
+
+@njit(cache=True)
+def _highest(scores: NDArray[np.float32], count: int) -> tuple[int, NDArray[np.int64]]:
+    height, width = scores.shape
+    places, tops, found = np.zeros((count + 1, 2), np.int64), np.zeros(count + 1, np.float32), 0
+    for y in range(height):
+        for x in range(width):
+            score = scores[y, x]
+            if score <= 0.0 or (found == count and score <= tops[count - 1]):
+                continue
+            around = scores[max(0, y - 2) : y + 3, max(0, x - 2) : x + 3]
+            if around.max() > score:
+                continue
+            k = found
+            while k > 0 and tops[k - 1] < score:
+                tops[k], places[k] = tops[k - 1], places[k - 1]
+                k -= 1
+            tops[k] = score
+            places[k, 0], places[k, 1] = y, x
+            found = min(found + 1, count)
+    return found, places
 
 
 def _signed(shift: int, period: int, size: int) -> int:

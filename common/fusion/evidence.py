@@ -16,7 +16,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from common.fusion.matchmap import MatchMap
-from common.fusion.overlap import shared_area
 from common.fusion.settings import FusionSettings
 from common.fusion.walls import Walls, alike
 from common.geometry.se2 import apply, inverse
@@ -32,10 +31,15 @@ class Evidence(NamedTuple):
     conflicting_m: float
     judged_m: float
     """all walls within the overlap"""
-    blob_m: float
-    """length of the largest coherent contradiction"""
+    clashing: NDArray[np.float64]
+    """(n, 2) m in a's frame: sampled walls of both maps that contradict"""
     overlap_m2: float
     """area known to both"""
+
+    @property
+    def blob_m(self) -> float:
+        """Length of the largest coherent contradiction."""
+        return longest_blob(self.clashing)
 
     @property
     def agreement(self) -> float:
@@ -50,7 +54,8 @@ def weigh(a: MatchMap, b: MatchMap, pose: NDArray[np.float64], settings: FusionS
     """The evidence about `pose`, the pose of b's frame in a's."""
     in_a = classify(a, b.sample, pose, settings)
     in_b = classify(b, a.sample, inverse(pose), settings)
-    return tally(a, b, in_a, in_b, apply(pose, b.sample.points), pose)
+    clashing = apply(pose, b.sample.points[in_a == CONTRADICTS])
+    return tally(a, b, in_a, in_b, clashing, pose)
 
 
 def tally(
@@ -58,21 +63,21 @@ def tally(
     b: MatchMap,
     in_a: NDArray[np.int8],
     in_b: NDArray[np.int8],
-    brought: NDArray[np.float64],
+    clashing: NDArray[np.float64],
     pose: NDArray[np.float64],
 ) -> Evidence:
-    """The evidence from the labels of b's sampled walls in a, brought there to points (n, 2), and of a's in b."""
+    """The evidence from the labels of b's sampled walls in a, where the `clashing` points are of them, and a's in b."""
     lengths = np.zeros(4)
     for labels, map_ in ((in_a, b), (in_b, a)):
         if len(labels):
             lengths += np.bincount(labels, minlength=4) * (map_.wall_m / len(labels) / 2)
-    clashing = np.concatenate([brought[in_a == CONTRADICTS], a.sample.points[in_b == CONTRADICTS]])
+    points, square_m = b.area_points
     return Evidence(
         agreeing_m=float(lengths[AGREES]),
         conflicting_m=float(lengths[CONTRADICTS]),
         judged_m=float(lengths[1:].sum()),
-        blob_m=longest_blob(clashing),
-        overlap_m2=shared_area(a, b, pose),
+        clashing=np.concatenate([clashing, a.sample.points[in_b == CONTRADICTS]]),
+        overlap_m2=square_m * _known(points, pose, a.occupancy, a.origin, a.resolution),
     )
 
 
@@ -107,6 +112,26 @@ def longest_blob(points: NDArray[np.float64]) -> float:
     raster[cells[:, 0], cells[:, 1]] = 1
     count, labels = cv2.connectedComponents(raster, connectivity=8)
     return BLOB_CELL_M * int(np.bincount(labels.ravel())[1:].max()) if count > 1 else 0.0
+
+
+@njit(cache=True)
+def _known(
+    points: NDArray[np.float64],
+    pose: NDArray[np.float64],
+    occupancy: NDArray[np.int8],
+    origin: NDArray[np.float64],
+    resolution: float,
+) -> int:
+    """How many of the points, brought by `pose`, fall in known cells."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    count = 0
+    for k in range(len(points)):
+        x, y = points[k, 0], points[k, 1]
+        i = math.floor((pose[0] + c * x - s * y - origin[0]) / resolution)
+        j = math.floor((pose[1] + s * x + c * y - origin[1]) / resolution)
+        if 0 <= i < occupancy.shape[1] and 0 <= j < occupancy.shape[0] and occupancy[j, i] != -1:
+            count += 1
+    return count
 
 
 @njit(cache=True)

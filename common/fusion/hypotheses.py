@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from common.fusion.bend import Bend, bend, weigh_bent
@@ -14,10 +15,9 @@ from common.fusion.correlate import propose_by_correlation
 from common.fusion.evidence import AGREES, CONTRADICTS, Evidence, classify, weigh
 from common.fusion.features import propose_by_features
 from common.fusion.matchmap import MatchMap
-from common.fusion.refine import FINAL_REACH_M, SIGMA_M, SPACING_M, refine
+from common.fusion.refine import FINAL_REACH_M, SIGMA_M, SPACING_M, refine, refine_all
 from common.fusion.settings import FusionSettings
 from common.fusion.walls import Walls
-from common.geometry.se2 import wrap
 
 QUICK_SAMPLES = 300
 QUICK_STEPS = 7
@@ -74,8 +74,7 @@ def search(
         found = a.features(settings.features), b.features(settings.features)
         proposals.append(propose_by_features(*found, settings.feature_hypotheses, seed))
     quick = b.sample.at(np.arange(len(b.sample.points))[:QUICK_SAMPLES])
-    rough = np.array([refine(a, quick, pose, settings.reach_m, QUICK_STEPS).pose for pose in np.concatenate(proposals)])
-    rough = rough.reshape(-1, 3)
+    rough = refine_all(a, quick, np.concatenate(proposals), settings.reach_m, QUICK_STEPS)
     middle = b.walls.points.mean(axis=0)
     sifted = rough[_sifted(a, b, quick, rough, settings)]
     first = sifted[distinct(sifted, middle)[: settings.refined]]
@@ -146,14 +145,20 @@ def _sifted(
 
 def distinct(poses: NDArray[np.float64], middle: NDArray[np.float64]) -> list[int]:
     """Indices of the poses (n, 3), in their order, without those near an earlier one, seen at b's `middle` (2,)."""
+    return [int(k) for k in np.flatnonzero(_distinct(poses, middle))]
+
+
+@njit(cache=True)
+def _distinct(poses: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.bool_]:
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     x = poses[:, 0] + c * middle[0] - s * middle[1]
     y = poses[:, 1] + s * middle[0] + c * middle[1]
-    free = np.ones(len(poses), np.bool_)
-    kept = []
+    kept = np.zeros(len(poses), np.bool_)
     for k in range(len(poses)):
-        if free[k]:
-            kept.append(k)
-            near = np.hypot(x - x[k], y - y[k]) <= APART_M
-            free &= ~(near & (np.abs(wrap(poses[:, 2] - poses[k, 2])) <= APART_RAD))
+        kept[k] = True
+        for i in range(k):
+            turn = abs((poses[k, 2] - poses[i, 2] + math.pi) % (2 * math.pi) - math.pi)
+            if kept[i] and math.hypot(x[k] - x[i], y[k] - y[i]) <= APART_M and turn <= APART_RAD:
+                kept[k] = False
+                break
     return kept

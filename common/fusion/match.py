@@ -17,6 +17,7 @@ from common.fusion.decide import decide, judge_alone, runner_up
 from common.fusion.detail import detail_m
 from common.fusion.hypotheses import Hypothesis, judge, search, slides, straighten, straighten_best
 from common.fusion.matchmap import MatchMap
+from common.fusion.overlap import overlap
 from common.fusion.settings import FusionSettings
 from common.geometry.se2 import Pose
 from common.wire.edge import PairVerdict, VerdictKind
@@ -118,7 +119,7 @@ def _doubted(a: MatchMap, b: MatchMap, best: Hypothesis, settings: FusionSetting
 
 
 def _overlap(a: MatchMap, b: MatchMap, best: Hypothesis) -> float:
-    return min(0.5, best.evidence.overlap_m2 / (a.known_m2 + b.known_m2))
+    return overlap(a, b, best.pose)
 
 
 def _refusal(a: MatchMap, b: MatchMap, settings: FusionSettings) -> Match | None:

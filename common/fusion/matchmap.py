@@ -23,6 +23,8 @@ REACH_M = 0.5
 """how far the nearest wall is looked for; no matching step looks farther"""
 MAX_SAMPLES = 1500
 """wall points taken for refining and judging; more add time and no certainty"""
+AREA_M = 0.25
+"""lattice on which known area is counted"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,7 @@ class MatchMap:
 
     @cached_property
     def known_cells(self) -> int:
-        return int((self.occupancy != UNKNOWN).sum())
+        return int(np.count_nonzero(self.occupancy != UNKNOWN))
 
     @cached_property
     def known_m2(self) -> float:
@@ -78,8 +80,10 @@ class MatchMap:
     @cached_property
     def wall_m(self) -> float:
         """Length of wall, m: cells along it, whatever its thickness (the count of 0.2 m cells it passes)."""
-        x, y = np.floor((self.walls.points - self.origin) / 0.2).astype(np.int64).T
-        return 0.2 * len(np.unique(x * 1_000_000 + y))
+        x, y = np.floor((self.walls.points - self.origin) / 0.2).astype(np.int64).T + 1
+        passed = np.zeros((y.max(initial=0) + 1, x.max(initial=0) + 1), np.bool_)
+        passed[y, x] = True
+        return 0.2 * int(np.count_nonzero(passed))
 
     @cached_property
     def sample(self) -> Walls:
@@ -97,10 +101,19 @@ class MatchMap:
         return orientation_histogram(self.walls)
 
     @cached_property
+    def area_points(self) -> tuple[NDArray[np.float64], float]:
+        """(n, 2) m: known places of a lattice of about AREA_M, and the m^2 that each stands for."""
+        step = max(1, round(AREA_M / self.resolution))
+        rows, columns = np.nonzero(self.occupancy[::step, ::step] != UNKNOWN)
+        points = self.origin + (np.stack([columns, rows], axis=1) * step + 0.5) * self.resolution
+        return points, (step * self.resolution) ** 2
+
+    @cached_property
     def free_points(self) -> NDArray[np.float64]:
         """(n, 2) m: centres of free cells, one of every 2 x 2."""
-        cells = np.argwhere(self.occupancy[::2, ::2] == FREE) * 2
-        return self.origin + (cells[:, ::-1] + 0.5) * self.resolution
+        free = np.ascontiguousarray(self.occupancy[::2, ::2] == FREE)
+        places, width = np.flatnonzero(free), free.shape[1]
+        return self.origin + (np.stack([places % width, places // width], axis=1) * 2 + 0.5) * self.resolution
 
     def features(self, count: int) -> Features:
         """At most `count` ORB key points; found once per count."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from common.fusion.matchmap import REACH_M, MatchMap
 from common.fusion.walls import Walls, alike
+from common.geometry.se2 import Pose
 
 STEPS = 14
 SHRINK = 0.8
@@ -56,6 +57,26 @@ def refine(
     )
     weight = wall_m / SPACING_M / len(sample.points) / SIGMA_M**2
     return Refined(refined, hessian * weight, matched / len(sample.points))
+
+
+def refine_all(a: MatchMap, sample: Walls, poses: NDArray[np.float64], reach_m: float, steps: int) -> Pose:
+    """The poses (n, 3) that `refine` makes of each of `poses`."""
+    return _refine_all(
+        np.ascontiguousarray(poses, np.float64),
+        sample.points,
+        sample.normals,
+        sample.straightness,
+        sample.sided,
+        a.walls.points,
+        a.walls.normals,
+        a.walls.straightness,
+        a.walls.sided,
+        a.nearest.wall,
+        a.origin,
+        a.resolution,
+        min(reach_m, REACH_M),
+        steps,
+    )
 
 
 @njit(cache=True)
@@ -133,3 +154,41 @@ def _refine(
     lever = np.array([[1.0, 0.0, -qy], [0.0, 1.0, qx], [0.0, 0.0, 1.0]])
     theta = (pose[2] + math.pi) % (2 * math.pi) - math.pi
     return np.array([pose[0] - qx, pose[1] - qy, theta]), lever.T @ hessian @ lever, matched
+
+
+@njit(cache=True)
+def _refine_all(
+    starts: NDArray[np.float64],
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    straightness: NDArray[np.float64],
+    sided: NDArray[np.bool_],
+    wall_points: NDArray[np.float64],
+    wall_normals: NDArray[np.float64],
+    wall_straightness: NDArray[np.float64],
+    wall_sided: NDArray[np.bool_],
+    nearest: NDArray[np.int32],
+    origin: NDArray[np.float64],
+    resolution: float,
+    reach: float,
+    steps: int,
+) -> NDArray[np.float64]:
+    poses = np.empty_like(starts)
+    for k in range(len(starts)):
+        poses[k] = _refine(
+            starts[k],
+            points,
+            normals,
+            straightness,
+            sided,
+            wall_points,
+            wall_normals,
+            wall_straightness,
+            wall_sided,
+            nearest,
+            origin,
+            resolution,
+            reach,
+            steps,
+        )[0]
+    return poses

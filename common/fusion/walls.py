@@ -64,7 +64,8 @@ class NearestWall(NamedTuple):
 
 def find_walls(raster: NDArray[np.int8], origin_m: NDArray[np.float64], resolution: float) -> Walls:
     """Walls of an occupancy raster (h, w) whose cell [0, 0] has its lower left corner at `origin_m` (x, y)."""
-    cells = np.argwhere(raster == OCCUPIED)
+    places = np.flatnonzero(raster == OCCUPIED)
+    cells = np.stack([places // raster.shape[1], places % raster.shape[1]], axis=1)
     reach = max(round(WINDOW_M / resolution), 2)
     offsets, normals, straightness, sided = _lines(np.pad(raster, reach, constant_values=UNKNOWN), cells, reach)
     centres = origin_m + (cells[:, ::-1] + 0.5) * resolution
@@ -73,10 +74,7 @@ def find_walls(raster: NDArray[np.int8], origin_m: NDArray[np.float64], resoluti
 
 def nearest_wall(shape: tuple[int, ...], cells: NDArray[np.int64], resolution: float, reach_m: float) -> NearestWall:
     """The nearest of the walls `cells` (n, 2) for every cell of a raster, exact up to `reach_m`."""
-    squares, wall = _stamp(shape[0], shape[1], cells, math.ceil(reach_m / resolution))
-    distance = np.sqrt(squares.astype(np.float32)) * np.float32(resolution)
-    distance[wall < 0] = FAR_M
-    return NearestWall(distance, wall)
+    return NearestWall(*_nearest(shape[0], shape[1], cells, math.ceil(reach_m / resolution), resolution))
 
 
 def orientation_histogram(walls: Walls) -> NDArray[np.float64]:
@@ -100,15 +98,31 @@ def alike(cosine: float, straight_a: float, straight_b: float, sided_a: bool, si
 def _lines(
     raster: NDArray[np.int8], cells: NDArray[np.int64], reach: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """(offsets (n, 2) cells to the line, normals (n, 2), straightness, sided); `raster` is padded by `reach`."""
+    """(offsets (n, 2) cells to the line, normals (n, 2), straightness, sided); `raster` is padded by `reach`.
+
+    Cells come row by row, so that those of one row within reach are a run of `cells`, which only moves on.
+    """
     n = len(cells)
     offsets, normals, straightness, sided = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n), np.zeros(n, np.bool_)
+    begins = np.searchsorted(cells[:, 0], np.arange(raster.shape[0] + 1) - reach)
+    free = _free_before(raster)
+    run = np.zeros(2 * reach + 1, np.int64)
     for k in range(n):
         row, column = cells[k, 0] + reach, cells[k, 1] + reach
+        if k == 0 or cells[k - 1, 0] != cells[k, 0]:
+            run[:] = begins[row - reach : row + reach + 1]
         count, sx, sy, sxx, syy, sxy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for dy in range(-reach, reach + 1):
-            for dx in range(-reach, reach + 1):
-                if raster[row + dy, column + dx] == OCCUPIED and dx * dx + dy * dy <= reach * reach:
+            span = math.floor(math.sqrt(reach * reach - dy * dy))
+            last = begins[row + dy + 1]
+            i = run[dy + reach]
+            while i < last and cells[i, 1] < cells[k, 1] - reach:
+                i += 1
+            run[dy + reach] = i
+            while i < last and cells[i, 1] <= cells[k, 1] + span:
+                dx = cells[i, 1] - cells[k, 1]
+                i += 1
+                if dx >= -span:
                     count += 1.0
                     sx, sy = sx + dx, sy + dy
                     sxx, syy, sxy = sxx + dx * dx, syy + dy * dy, sxy + dx * dy
@@ -118,7 +132,7 @@ def _lines(
         nx, ny = math.cos(across), math.sin(across)
         shift = min(max(nx * mx + ny * my, -1.0), 1.0)
         offsets[k, 0], offsets[k, 1] = shift * nx, shift * ny
-        front, back = _free_sides(raster, row, column, reach, nx, ny)
+        front, back = _free_sides(free, row, column, reach, nx, ny)
         if back > front:
             front, back, nx, ny = back, front, -nx, -ny
         sided[k] = back < ONE_SIDED * front
@@ -130,35 +144,76 @@ def _lines(
 
 
 @njit(cache=True)
-def _free_sides(raster: NDArray[np.int8], row: int, column: int, reach: int, nx: float, ny: float) -> tuple[int, int]:
-    """Free cells before and behind the line through a cell with the normal (nx, ny)."""
+def _free_before(raster: NDArray[np.int8]) -> NDArray[np.int32]:
+    """(h, w + 1) how many cells of the row to the left of each are free."""
+    height, width = raster.shape
+    before = np.zeros((height, width + 1), np.int32)
+    for y in range(height):
+        count = np.int32(0)
+        for x in range(width):
+            count += np.int32(raster[y, x] == FREE)
+            before[y, x + 1] = count
+    return before
+
+
+@njit(cache=True)
+def _free_sides(free: NDArray[np.int32], row: int, column: int, reach: int, nx: float, ny: float) -> tuple[int, int]:
+    """Free cells more than one cell before and behind the line through a cell with the normal (nx, ny)."""
     front, back = 0, 0
     for dy in range(-reach, reach + 1):
-        for dx in range(-reach, reach + 1):
-            if raster[row + dy, column + dx] == FREE:
-                side = nx * dx + ny * dy
-                if side > 1.0:
-                    front += 1
-                elif side < -1.0:
-                    back += 1
+        along = free[row + dy, column - reach : column + reach + 2]
+        t = ny * dy
+        if abs(nx) < 1e-9:
+            all_ = along[2 * reach + 1] - along[0]
+            front += all_ if t > 1.0 else 0
+            back += all_ if t < -1.0 else 0
+            continue
+        # cells whose nx dx + t is > 1 or < -1: those right of one column and left of the other, or the reverse
+        rightwards, leftwards = (1.0 - t) / nx, (-1.0 - t) / nx
+        if nx < 0.0:
+            rightwards, leftwards = leftwards, rightwards
+        first = min(max(math.floor(rightwards) + 1 + reach, 0), 2 * reach + 1)
+        end = min(max(math.ceil(leftwards) + reach, 0), 2 * reach + 1)
+        right, left = along[2 * reach + 1] - along[first], along[end] - along[0]
+        if nx > 0.0:
+            front, back = front + right, back + left
+        else:
+            front, back = front + left, back + right
     return front, back
 
 
 @njit(cache=True)
-def _stamp(
-    height: int, width: int, cells: NDArray[np.int64], reach: int
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """(squared distance in cells, index) of the nearest wall within reach, of equals the first."""
-    squares = np.full((height, width), np.int32(1 << 30))
-    wall = np.full((height, width), np.int32(-1))
+def _nearest(
+    height: int, width: int, cells: NDArray[np.int64], reach: int, resolution: float
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """(distance in m, index) of the nearest wall within reach, of equals the first.
+
+    First along each row, then over the rows in reach, cell by cell side by side.
+    """
+    far = np.int32(1 << 29)
+    squares, wall = np.full((height, width), far), np.full((height, width), np.int32(-1))
+    filled = np.zeros(height, np.bool_)
     for k in range(len(cells)):
         row, column = cells[k, 0], cells[k, 1]
-        for y in range(max(0, row - reach), min(height, row + reach + 1)):
-            rest = reach * reach - (y - row) * (y - row)
-            for x in range(max(0, column - reach), min(width, column + reach + 1)):
-                across = (x - column) * (x - column)
-                square = across + (y - row) * (y - row)
-                if across <= rest and square < squares[y, x]:
-                    squares[y, x] = square
-                    wall[y, x] = k
-    return squares, wall
+        filled[row] = True
+        for x in range(max(0, column - reach), min(width, column + reach + 1)):
+            square = np.int32((x - column) * (x - column))
+            if square < squares[row, x]:
+                squares[row, x], wall[row, x] = square, k
+    distance, nearest = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
+    best, index = np.empty(width, np.int32), np.empty(width, np.int32)
+    for y in range(height):
+        best[:], index[:] = far, -1
+        for row in range(max(0, y - reach), min(height, y + reach + 1)):
+            if filled[row]:
+                down = np.int32((row - y) * (row - y))
+                for x in range(width):
+                    square = squares[row, x] + down
+                    closer = square < best[x]
+                    best[x] = square if closer else best[x]
+                    index[x] = wall[row, x] if closer else index[x]
+        for x in range(width):
+            near = best[x] <= reach * reach
+            distance[y, x] = np.sqrt(np.float32(best[x])) * np.float32(resolution) if near else FAR_M
+            nearest[y, x] = index[x] if near else -1
+    return distance, nearest
