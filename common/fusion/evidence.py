@@ -16,11 +16,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from common.fusion.matchmap import MatchMap
+from common.fusion.overlap import shared_area
 from common.fusion.settings import FusionSettings
 from common.fusion.walls import Walls, alike
 from common.geometry.se2 import apply, inverse
 
 BLOB_CELL_M = 0.2
+AREA_M = 0.25
+"""lattice on which the area known to both is counted"""
 OUTSIDE, AGREES, CONTRADICTS, NEITHER = 0, 1, 2, 3
 
 
@@ -71,13 +74,12 @@ def tally(
     for labels, map_ in ((in_a, b), (in_b, a)):
         if len(labels):
             lengths += np.bincount(labels, minlength=4) * (map_.wall_m / len(labels) / 2)
-    points, square_m = b.area_points
     return Evidence(
         agreeing_m=float(lengths[AGREES]),
         conflicting_m=float(lengths[CONTRADICTS]),
         judged_m=float(lengths[1:].sum()),
         clashing=np.concatenate([clashing, a.sample.points[in_b == CONTRADICTS]]),
-        overlap_m2=square_m * _known(points, pose, a.occupancy, a.origin, a.resolution),
+        overlap_m2=shared_area(a, b, pose, max(1, round(AREA_M / b.resolution))),
     )
 
 
@@ -112,26 +114,6 @@ def longest_blob(points: NDArray[np.float64]) -> float:
     raster[cells[:, 0], cells[:, 1]] = 1
     count, labels = cv2.connectedComponents(raster, connectivity=8)
     return BLOB_CELL_M * int(np.bincount(labels.ravel())[1:].max()) if count > 1 else 0.0
-
-
-@njit(cache=True)
-def _known(
-    points: NDArray[np.float64],
-    pose: NDArray[np.float64],
-    occupancy: NDArray[np.int8],
-    origin: NDArray[np.float64],
-    resolution: float,
-) -> int:
-    """How many of the points, brought by `pose`, fall in known cells."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    count = 0
-    for k in range(len(points)):
-        x, y = points[k, 0], points[k, 1]
-        i = math.floor((pose[0] + c * x - s * y - origin[0]) / resolution)
-        j = math.floor((pose[1] + s * x + c * y - origin[1]) / resolution)
-        if 0 <= i < occupancy.shape[1] and 0 <= j < occupancy.shape[0] and occupancy[j, i] != -1:
-            count += 1
-    return count
 
 
 @njit(cache=True)

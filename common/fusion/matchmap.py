@@ -23,8 +23,6 @@ REACH_M = 0.5
 """how far the nearest wall is looked for; no matching step looks farther"""
 MAX_SAMPLES = 1500
 """wall points taken for refining and judging; more add time and no certainty"""
-AREA_M = 0.25
-"""lattice on which known area is counted"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,14 +97,6 @@ class MatchMap:
     @cached_property
     def histogram(self) -> NDArray[np.float64]:
         return orientation_histogram(self.walls)
-
-    @cached_property
-    def area_points(self) -> tuple[NDArray[np.float64], float]:
-        """(n, 2) m: known places of a lattice of about AREA_M, and the m^2 that each stands for."""
-        step = max(1, round(AREA_M / self.resolution))
-        rows, columns = np.nonzero(self.occupancy[::step, ::step] != UNKNOWN)
-        points = self.origin + (np.stack([columns, rows], axis=1) * step + 0.5) * self.resolution
-        return points, (step * self.resolution) ** 2
 
     @cached_property
     def free_points(self) -> NDArray[np.float64]:

@@ -27,16 +27,16 @@ def overlap(a: MatchMap, b: MatchMap, transform: ArrayLike) -> float:
     return min(0.5, shared_area(a, b, transform) / total) if total else 0.0
 
 
-def shared_area(a: MatchMap, b: MatchMap, transform: ArrayLike) -> float:
-    """m^2 known to both maps."""
-    return shared_cells(a, b, transform) * b.resolution**2
+def shared_area(a: MatchMap, b: MatchMap, transform: ArrayLike, step: int = 2) -> float:
+    """m^2 known to both maps, by the cells of b in every `step`-th row and column."""
+    return shared_cells(a, b, transform, step) * b.resolution**2
 
 
-def shared_cells(a: MatchMap, b: MatchMap, transform: ArrayLike) -> int:
-    """b's known cells whose centre falls in a known cell of a (every second row and column is looked at)."""
+def shared_cells(a: MatchMap, b: MatchMap, transform: ArrayLike, step: int = 2) -> int:
+    """b's known cells whose centre falls in a known cell of a; every `step`-th row and column is looked at."""
     pose = np.asarray(transform, np.float64)
-    count = _shared(pose, a.occupancy, a.origin, a.resolution, b.occupancy, b.origin, b.resolution)
-    return 4 * int(count)
+    count = _shared(pose, a.occupancy, a.origin, a.resolution, b.occupancy, b.origin, b.resolution, step)
+    return step**2 * int(count)
 
 
 @dataclass(frozen=True)
@@ -96,13 +96,14 @@ def _shared(
     known_b: NDArray[np.int8],
     origin_b: NDArray[np.float64],
     resolution_b: float,
+    step: int,
 ) -> int:
     c, s = math.cos(pose[2]), math.sin(pose[2])
     height, width = known_a.shape
     count = 0
-    for row in range(0, known_b.shape[0], 2):
+    for row in range(0, known_b.shape[0], step):
         y = origin_b[1] + (row + 0.5) * resolution_b
-        for column in range(0, known_b.shape[1], 2):
+        for column in range(0, known_b.shape[1], step):
             if known_b[row, column] == -1:
                 continue
             x = origin_b[0] + (column + 0.5) * resolution_b
