@@ -7,7 +7,7 @@ pulls across that wall only. The reach shrinks with each step, from the error of
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -39,30 +39,19 @@ def refine(
     a: MatchMap, sample: Walls, pose: NDArray[np.float64], reach_m: float, steps: int = STEPS, wall_m: float = 0.0
 ) -> Refined:
     """The best pose near `pose` for b's walls `sample`, which stand for `wall_m` metres of wall."""
-    refined, hessian, matched = _refine(
-        np.asarray(pose, np.float64),
-        sample.points,
-        sample.normals,
-        sample.straightness,
-        sample.sided,
-        a.walls.points,
-        a.walls.normals,
-        a.walls.straightness,
-        a.walls.sided,
-        a.nearest.wall,
-        a.origin,
-        a.resolution,
-        min(reach_m, REACH_M),
-        steps,
-    )
+    refined, hessian, matched = _refine(np.asarray(pose, np.float64), *_arguments(a, sample, reach_m, steps))
     weight = wall_m / SPACING_M / len(sample.points) / SIGMA_M**2
     return Refined(refined, hessian * weight, matched / len(sample.points))
 
 
 def refine_all(a: MatchMap, sample: Walls, poses: NDArray[np.float64], reach_m: float, steps: int) -> Pose:
     """The poses (n, 3) that `refine` makes of each of `poses`."""
-    return _refine_all(
-        np.ascontiguousarray(poses, np.float64),
+    return _refine_all(np.ascontiguousarray(poses, np.float64), *_arguments(a, sample, reach_m, steps))
+
+
+def _arguments(a: MatchMap, sample: Walls, reach_m: float, steps: int) -> tuple[Any, ...]:
+    """What `_refine` takes after the pose that it begins with."""
+    return (
         sample.points,
         sample.normals,
         sample.straightness,
@@ -157,38 +146,8 @@ def _refine(
 
 
 @njit(cache=True)
-def _refine_all(
-    starts: NDArray[np.float64],
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    straightness: NDArray[np.float64],
-    sided: NDArray[np.bool_],
-    wall_points: NDArray[np.float64],
-    wall_normals: NDArray[np.float64],
-    wall_straightness: NDArray[np.float64],
-    wall_sided: NDArray[np.bool_],
-    nearest: NDArray[np.int32],
-    origin: NDArray[np.float64],
-    resolution: float,
-    reach: float,
-    steps: int,
-) -> NDArray[np.float64]:
+def _refine_all(starts: NDArray[np.float64], *rest: Any) -> NDArray[np.float64]:
     poses = np.empty_like(starts)
     for k in range(len(starts)):
-        poses[k] = _refine(
-            starts[k],
-            points,
-            normals,
-            straightness,
-            sided,
-            wall_points,
-            wall_normals,
-            wall_straightness,
-            wall_sided,
-            nearest,
-            origin,
-            resolution,
-            reach,
-            steps,
-        )[0]
+        poses[k] = _refine(starts[k], *rest)[0]
     return poses

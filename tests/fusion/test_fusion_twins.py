@@ -5,13 +5,15 @@ import numpy as np
 import pytest
 from drawn_worlds import apartment, mapped
 
+from common.fusion.correlate import _peaks
 from common.fusion.evidence import AGREES, CONTRADICTS, NEITHER, OUTSIDE, classify, longest_blob
 from common.fusion.features import RATIO, _matches, fit_rigid
+from common.fusion.hypotheses import APART_M, APART_RAD, distinct
 from common.fusion.matchmap import REACH_M, MatchMap
-from common.fusion.refine import refine
+from common.fusion.refine import refine, refine_all
 from common.fusion.settings import FusionSettings
-from common.fusion.walls import FAR_M, STRAIGHT
-from common.geometry import apply, between, compose
+from common.fusion.walls import FAR_M, STRAIGHT, _free_before, _free_sides
+from common.geometry import apply, between, compose, wrap
 
 HOME, AWAY = np.array([3.0, 2.0, 0.3]), np.array([-4.0, 7.0, 2.0])
 
@@ -72,6 +74,47 @@ def test_normals_point_to_where_it_is_free(pair) -> None:
             assert ((near @ a.walls.normals[k]) > 0).mean() > 0.5
 
 
+def test_free_cells_before_and_behind_a_line_are_counted_one_by_one(pair) -> None:
+    free, reach, rng = np.pad(pair[0].occupancy, 6, constant_values=-1) == 0, 6, np.random.default_rng(3)
+    before = _free_before(np.where(free, 0, -1).astype(np.int8))
+    dy, dx = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    angles = [*rng.uniform(-np.pi, np.pi, 60), 0.0, np.pi / 2, np.pi, -np.pi / 2, np.pi / 4]
+    for angle in angles:
+        row, column = rng.integers(reach, np.array(free.shape) - reach)
+        nx, ny = np.cos(angle), np.sin(angle)
+        around = free[row - reach : row + reach + 1, column - reach : column + reach + 1]
+        side = nx * dx + ny * dy
+        plain = (around & (side > 1)).sum(), (around & (side < -1)).sum()
+        assert _free_sides(before, row, column, reach, nx, ny) == plain
+
+
+def test_peaks_are_the_highest_local_maxima() -> None:
+    rng = np.random.default_rng(4)
+    for count in (1, 8, 40):
+        scores = rng.normal(size=(50, 70)).astype(np.float32)
+        scores[rng.integers(0, 50, 9), rng.integers(0, 70, 9)] = 3.0  # as high as each other
+        tops = [
+            (-scores[y, x], y, x)
+            for y, x in np.ndindex(scores.shape)
+            if scores[y, x] > 0 and scores[y, x] == scores[max(0, y - 2) : y + 3, max(0, x - 2) : x + 3].max()
+        ]
+        assert _peaks(scores, count).tolist() == [[y, x] for _, y, x in sorted(tops)[:count]]
+    assert len(_peaks(-np.ones((9, 9), np.float32), 3)) == 0
+
+
+def test_distinct_poses_are_those_far_from_every_earlier_one_that_is_kept() -> None:
+    rng, middle = np.random.default_rng(6), np.array([3.0, -2.0])
+    poses = np.column_stack([rng.uniform(0, 2, (80, 2)), np.pi + rng.uniform(-0.3, 0.3, 80)])
+    kept: list[int] = []
+    for k, pose in enumerate(poses):
+        gaps = [apply(pose, middle[None])[0] - apply(poses[i], middle[None])[0] for i in kept]
+        turns = [abs(wrap(pose[2] - poses[i, 2])) for i in kept]
+        if not any(np.hypot(*gap) <= APART_M and turn <= APART_RAD for gap, turn in zip(gaps, turns, strict=True)):
+            kept.append(k)
+    assert 10 < len(kept) < 80
+    assert distinct(poses, middle) == kept
+
+
 def plain_labels(target: MatchMap, walls, pose: np.ndarray, settings: FusionSettings) -> np.ndarray:
     """`classify` from its definition."""
     labels = np.full(len(walls.points), OUTSIDE)
@@ -110,6 +153,13 @@ def test_refinement_ends_where_the_walls_pull_no_more(pair) -> None:
     again = refine(a, b.sample, result.pose, 0.15, wall_m=b.wall_m)
     assert np.abs(again.pose - result.pose).max() < 1e-3
     assert (np.linalg.eigvalsh(result.information) > 0).all()
+
+
+def test_many_poses_are_refined_as_each_alone(pair) -> None:
+    a, b, truth = pair
+    starts = compose(truth, np.random.default_rng(8).normal(0, 0.1, (12, 3)))
+    alone = [refine(a, b.sample, start, 0.4, 7).pose for start in starts]
+    assert np.array_equal(refine_all(a, b.sample, starts, 0.4, 7), np.array(alone))
 
 
 def test_a_blob_is_as_long_as_its_largest_connected_part() -> None:
