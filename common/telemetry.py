@@ -87,10 +87,21 @@ def process_stats(children: Iterable[int] = ()) -> ProcessStats:
 
 
 def _from_proc(pid: int) -> ProcessStats | None:
+    fields = proc_fields(pid)
+    if fields is None:
+        return None
+    return ProcessStats(cpu_s(fields), int(fields[21]) * os.sysconf("SC_PAGE_SIZE") / 2**20)
+
+
+def proc_fields(pid: int) -> list[str] | None:
+    """What /proc/PID/stat says after the name, the state first; None when the process is gone, or without /proc."""
     try:
         with open(f"/proc/{pid}/stat") as file:
-            fields = file.read().rpartition(")")[2].split()  # the name before ")" may hold spaces
+            return file.read().rpartition(")")[2].split()  # the name before ")" may hold spaces
     except OSError:
         return None
-    user, system, pages = int(fields[11]), int(fields[12]), int(fields[21])
-    return ProcessStats((user + system) / os.sysconf("SC_CLK_TCK"), pages * os.sysconf("SC_PAGE_SIZE") / 2**20)
+
+
+def cpu_s(fields: list[str]) -> float:
+    """User and system time since start, all threads, by `proc_fields`."""
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

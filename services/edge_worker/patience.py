@@ -6,9 +6,10 @@ under a CPU limit, a worker does neither while others run, so a slow one is not 
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from typing import NamedTuple
+
+from common.telemetry import cpu_s, proc_fields
 
 
 class Activity(NamedTuple):
@@ -20,12 +21,8 @@ class Activity(NamedTuple):
 
 def activity(pid: int) -> Activity | None:
     """What a process does just now; None when it is gone, or where there is no /proc."""
-    try:
-        with open(f"/proc/{pid}/stat") as file:
-            fields = file.read().rpartition(")")[2].split()  # the name before ")" may hold spaces
-    except OSError:
-        return None
-    return Activity((int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"), fields[0] == "S")
+    fields = proc_fields(pid)
+    return None if fields is None else Activity(cpu_s(fields), fields[0] == "S")
 
 
 @dataclass
