@@ -36,7 +36,8 @@ class Worker:
         self.process = process
         self._channel = channel
         self._writer: asyncio.StreamWriter | None = None
-        self._waiting: dict[int, asyncio.Future[Any]] = {}
+        self._waiting: dict[int, tuple[str, asyncio.Future[Any]]] = {}
+        """calls sent and not answered, in order: number → method, its answer"""
         self._ids = itertools.count(1)
         self._ready: asyncio.Future[int] = asyncio.get_running_loop().create_future()
         self.gone = asyncio.Event()
@@ -72,6 +73,11 @@ class Worker:
         """Calls sent and not answered."""
         return len(self._waiting)
 
+    @property
+    def at_work(self) -> tuple[int, str] | None:
+        """Number and method of the call that the process works on; None when it has none."""
+        return next(((number, method) for number, (method, _) in self._waiting.items()), None)
+
     async def call(self, method: str, /, **arguments: Any) -> Any:
         """Call a method in the worker. Raises WorkerError when it raised, WorkerDied when the process ended."""
         await self.ready()
@@ -79,7 +85,7 @@ class Worker:
             raise WorkerDied(f"worker {self.process.pid} ({self.target}) has ended")
         request_id = next(self._ids)
         future: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
-        self._waiting[request_id] = future
+        self._waiting[request_id] = method, future
         data = msgpack.packb([request_id, method, arguments])
         self._writer.write(HEAD.pack(len(data)) + data)
         try:
@@ -116,7 +122,7 @@ class Worker:
         if request_id == 0:
             self._ready.set_result(result)
             return
-        future = self._waiting.get(request_id)
+        _, future = self._waiting.get(request_id, ("", None))
         if future is not None and not future.done():
             if ok:
                 future.set_result(result)
@@ -124,7 +130,7 @@ class Worker:
                 future.set_exception(WorkerError(result))
 
     def _fail(self, error: WorkerDied) -> None:
-        for future in [self._ready, *self._waiting.values()]:
+        for future in [self._ready, *(future for _, future in self._waiting.values())]:
             if not future.done():
                 future.set_exception(error)
         if self._ready.done() and self._ready.exception() is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import itertools
 import logging
 from collections.abc import Callable
 from typing import Any
@@ -36,9 +35,6 @@ class Pool:
         self._size, self._kernel, self._limit_s, self._on_death = size, kernel, limit_s, on_death
         self._target = target
         self._workers: list[Worker] = []
-        self._calls: dict[Worker, dict[int, str]] = {}
-        """worker → calls that it has not answered, in order: number → method"""
-        self._numbers = itertools.count()
         self._spare: asyncio.Task[Worker] | None = None
         self._guards: set[asyncio.Task[None]] = set()
         self._closing = False
@@ -52,13 +48,7 @@ class Pool:
 
     async def call(self, number: int, method: str, /, **arguments: Any) -> Any:
         """Call a method of the worker with this number. Raises WorkerError, or WorkerDied."""
-        worker, turn = self._workers[number], next(self._numbers)
-        calls = self._calls.setdefault(worker, {})
-        calls[turn] = method
-        try:
-            return await worker.call(method, **arguments)
-        finally:
-            del calls[turn]
+        return await self._workers[number].call(method, **arguments)
 
     def pids(self) -> list[int]:
         return [worker.process.pid for worker in self._workers]
@@ -93,7 +83,6 @@ class Pool:
         while not self._closing:
             worker = self._workers[number]
             how = await self._until_gone(worker)
-            self._calls.pop(worker, None)
             log.error("SLAM worker died", extra={"worker": number, "how": how})
             self._workers[number] = await self._next_worker()
             if self._spare is None:
@@ -106,7 +95,7 @@ class Pool:
         while not worker.gone.is_set():
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(worker.gone.wait(), LOOK_S)
-            turn, method = next(iter(self._calls.get(worker, {}).items()), (None, ""))
+            turn, method = worker.at_work or (None, "")
             seen = activity(worker.process.pid)
             if seen is None or worker.gone.is_set():
                 continue
