@@ -7,50 +7,37 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rooms import RESOLUTION, room
 
 from common.errors import Unmergeable
 from common.grid import Grid
 from common.grid.render import render
 
-RESOLUTION = 0.05
-
-
-def room() -> Grid:
-    """A closed room with one-cell walls, one of its corners cut off diagonally, off the origin."""
-    counts = np.zeros((2, 120, 160), np.uint16)
-    counts[1, 10:110, 10:150] = 9
-    counts[0, 10, 10:150] = counts[0, 109, 10:150] = 9
-    counts[0, 10:110, 10] = counts[0, 10:110, 149] = 9
-    for k in range(40):
-        counts[0, 70 + k, 10 + k] = 9
-    return Grid.from_dense(counts, (-57, 31), RESOLUTION)
-
-
 poses = st.tuples(st.floats(-30, 30), st.floats(-30, 30), st.floats(-math.pi, math.pi))
 
 
 def test_rendering_by_the_identity_changes_nothing() -> None:
-    assert render(room(), (0, 0, 0), RESOLUTION).digest() == room().digest()
+    assert render(room(cut_off=True), (0, 0, 0), RESOLUTION).digest() == room(cut_off=True).digest()
 
 
 @given(st.integers(-500, 500), st.integers(-500, 500))
 @settings(max_examples=20, deadline=None)
 def test_whole_cell_shifts_and_back_change_nothing(i: int, j: int) -> None:
-    there = render(room(), (i * RESOLUTION, j * RESOLUTION, 0), RESOLUTION)
-    assert render(there, (-i * RESOLUTION, -j * RESOLUTION, 0), RESOLUTION).digest() == room().digest()
+    there = render(room(cut_off=True), (i * RESOLUTION, j * RESOLUTION, 0), RESOLUTION)
+    assert render(there, (-i * RESOLUTION, -j * RESOLUTION, 0), RESOLUTION).digest() == room(cut_off=True).digest()
 
 
 @pytest.mark.parametrize("quarter", [1, 2, 3])
 def test_quarter_turns_keep_every_count(quarter: int) -> None:
-    turned = render(room(), (0, 0, quarter * math.pi / 2), RESOLUTION)
-    assert render(turned, (0, 0, -quarter * math.pi / 2), RESOLUTION).digest() == room().digest()
+    turned = render(room(cut_off=True), (0, 0, quarter * math.pi / 2), RESOLUTION)
+    assert render(turned, (0, 0, -quarter * math.pi / 2), RESOLUTION).digest() == room(cut_off=True).digest()
 
 
 @given(poses)
 @settings(max_examples=40, deadline=None)
 def test_walls_stay_closed_and_thin_at_every_angle(pose: tuple[float, float, float]) -> None:
-    before, _ = room().occupancy()
-    after, _ = render(room(), pose, RESOLUTION).occupancy()
+    before, _ = room(cut_off=True).occupancy()
+    after, _ = render(room(cut_off=True), pose, RESOLUTION).occupancy()
     _, labels = cv2.connectedComponents((after == 0).astype(np.uint8), connectivity=4)
     rooms = np.sort(np.bincount(labels[after == 0]))[::-1][:2]
     assert rooms[1] > 500, "the triangle behind the diagonal wall has joined the room"
@@ -60,7 +47,7 @@ def test_walls_stay_closed_and_thin_at_every_angle(pose: tuple[float, float, flo
 @given(poses)
 @settings(max_examples=20, deadline=None)
 def test_a_finer_map_keeps_its_walls_on_a_coarser_lattice(pose: tuple[float, float, float]) -> None:
-    after, _ = render(room(), pose, 2 * RESOLUTION).occupancy()
+    after, _ = render(room(cut_off=True), pose, 2 * RESOLUTION).occupancy()
     _, labels = cv2.connectedComponents((after == 0).astype(np.uint8), connectivity=4)
     assert np.sort(np.bincount(labels[after == 0]))[::-1][1] > 100
 
@@ -68,10 +55,10 @@ def test_a_finer_map_keeps_its_walls_on_a_coarser_lattice(pose: tuple[float, flo
 @given(poses)
 @settings(max_examples=20, deadline=None)
 def test_hits_never_exceed_visits_and_nothing_is_invented(pose: tuple[float, float, float]) -> None:
-    counts, _ = render(room(), pose, RESOLUTION).dense()
+    counts, _ = render(room(cut_off=True), pose, RESOLUTION).dense()
     assert (counts[0] <= counts[1]).all()
     assert set(np.unique(counts)) <= {0, 9}
-    known = room().dense()[0][1].astype(bool).sum()
+    known = room(cut_off=True).dense()[0][1].astype(bool).sum()
     assert abs(int((counts[1] > 0).sum()) - int(known)) < 0.05 * known
 
 
@@ -82,4 +69,4 @@ def test_an_empty_grid_renders_empty() -> None:
 @pytest.mark.parametrize("pose", [(math.nan, 0, 0), (math.inf, 0, 0), (1e12, 0, 0)])
 def test_impossible_transforms_are_refused(pose: tuple[float, float, float]) -> None:
     with pytest.raises(Unmergeable):
-        render(room(), pose, RESOLUTION)
+        render(room(cut_off=True), pose, RESOLUTION)

@@ -4,22 +4,12 @@ import cv2
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from rooms import RESOLUTION, room
 
 from common.grid import Grid
 from common.grid.render import render
 from common.grid.warp import lattice, shift_at, shifts, straightened
 from common.wire import Warp
-
-RESOLUTION = 0.05
-
-
-def room() -> Grid:
-    """A closed room of 7 x 5 m with one-cell walls, off the origin."""
-    counts = np.zeros((2, 120, 160), np.uint16)
-    counts[1, 10:110, 10:150] = 9
-    counts[0, 10, 10:150] = counts[0, 109, 10:150] = 9
-    counts[0, 10:110, 10] = counts[0, 10:110, 149] = 9
-    return Grid.from_dense(counts, (-57, 31), RESOLUTION)
 
 
 def warp(x: np.ndarray, y: np.ndarray) -> Warp:
