@@ -27,16 +27,11 @@ from common.wire import (
 )
 from common.workers import Worker, WorkerError
 from services.scheduler import events as scheduling
-from services.scheduler.events import (
-    MakePlan,
-    Publish,
-)
+from services.scheduler.events import MakePlan, Publish
 from services.scheduler.inputs import Inputs
 from services.scheduler.overload import Overloads
 from services.scheduler.profile import load_profile
-from services.scheduler.state import (
-    SchedulerState,
-)
+from services.scheduler.state import SchedulerState
 from services.scheduler.topology import Topology
 from services.scheduler.what_if import WhatIf
 
