@@ -34,21 +34,11 @@ from services.cloud_merger.events import (
     Tick,
     VerdictsCame,
 )
+from services.cloud_merger.parts import Part, together
 
 PATIENCE = 3
-"""ticks for which the global map waits for edges to render onto a new world"""
-
-
-@dataclass(frozen=True)
-class Part:
-    """An edge map as it lies in the merging process."""
-
-    notice: EdgeMapNotice
-    """what it was fetched after; what came may be newer"""
-    version: int
-    world_epoch: int
-    covers: Covers
-    final: bool
+"""ticks for which the global map waits rather than shrink: until edges have rendered onto a new world, or until the
+edge that a robot has come to shows it"""
 
 
 @dataclass
@@ -74,7 +64,9 @@ class CloudState:
     solving: bool = False
     composing: bool = False
     waited: int = 0
-    """ticks since the last composition on which an edge had not yet rendered onto the present world"""
+    """ticks since the last composition on which the map would have shrunk"""
+    shown: frozenset[str] = frozenset()
+    """robots that the global map was last composed of"""
     changed: bool = False
     """sketches or verdicts are newer than the world"""
     composed: tuple[object, ...] = ()
@@ -113,7 +105,7 @@ class CloudState:
             case Tick():
                 fetches = [step for robot in sorted(self.members) for step in self._fetch_sketch(robot)]
                 parts = [step for edge in self.fusing_edges() for step in self._fetch_part(edge)]
-                self.waited += bool(self._lagging())
+                self.waited += self._shrinking()
                 return [*fetches, *parts, *self._solve(), *self._compose()]
 
     def fusing_edges(self) -> list[str]:
@@ -254,34 +246,40 @@ class CloudState:
         return self._compose()
 
     def _compose(self) -> list[Instruction]:
-        if self.world is None or self.composing or (self._lagging() and self.waited < PATIENCE):
+        if self.world is None or self.composing or (self._shrinking() and self.waited < PATIENCE):
             return []
-        edges = tuple(
-            edge
-            for edge in self.fusing_edges()
-            if edge in self.parts and self.parts[edge].world_epoch == self.world.world_epoch
-        )
-        covers: Covers = {}
-        for edge in edges:
-            part = self.parts[edge].covers
-            if set(part) & set(covers) or not set(part) <= set(self._fused_at(edge)):
-                return []  # a robot is moving between edges: the next version of both says where it is
-            covers |= part
-        final = self.world.final and bool(covers) and all(self.parts[edge].final for edge in edges)
+        parts = self._rendered()
+        covers = together(parts, self._fused_at)
+        if covers is None:
+            return []
+        final = self.world.final and bool(covers) and all(part.final for part in parts.values())
         final = final and covers == self._final_covers()
         if self.world.final and not final:
             return []  # never show less than the final map while its parts come in
-        versions = {edge: self.parts[edge].version for edge in edges}
+        versions = {edge: part.version for edge, part in parts.items()}
         makeup = (self.world.world_epoch, final, versions)
         if makeup == self.composed or not covers:
             return []
         self.composing, self.composed, self.waited = True, makeup, 0
+        self.shown = frozenset(covers)
         return [Compose(versions, self.world, covers, final)]
 
-    def _lagging(self) -> list[str]:
-        """Edges whose map is of an earlier world: without them the global map would shrink for a moment."""
+    def _rendered(self) -> dict[str, Part]:
+        """Edge maps of the present world."""
         epoch = self.world.world_epoch if self.world is not None else 0
-        return [edge for edge in self.fusing_edges() if edge in self.parts and self.parts[edge].world_epoch != epoch]
+        held = {edge: self.parts[edge] for edge in self.fusing_edges() if edge in self.parts}
+        return {edge: part for edge, part in held.items() if part.world_epoch == epoch}
+
+    def _shrinking(self) -> bool:
+        """The global map would lose for a moment what it shows.
+
+        An edge's map is still of an earlier world, or a robot has left one edge's map and is not in another's yet.
+        """
+        rendered = self._rendered()
+        if self.parts.keys() & set(self.fusing_edges()) != rendered.keys():
+            return True
+        covers = together(rendered, self._fused_at)
+        return covers is not None and not self.shown & self.members.keys() <= covers.keys()
 
     def _final_covers(self) -> Covers:
         """What the final map must contain: all of every robot, made under its present epoch."""

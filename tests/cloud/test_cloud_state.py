@@ -173,6 +173,52 @@ def test_the_map_does_not_shrink_while_edges_render_onto_a_new_world_but_does_no
     assert set(only(Compose, steps).covers) == {"r1"}
 
 
+def live(state: CloudState, edge: str, version: int, *robots: str) -> list[Instruction]:
+    """The edge's next map of the present world is fetched; what follows of it."""
+    assert state.world is not None
+    covers = {robot: cover(version) for robot in robots}
+    steps = state.handle(EdgeMapNoticed(edge_notice(edge, version, state.world.world_epoch, covers)))
+    (fetch,) = [s for s in steps or state.handle(Tick()) if isinstance(s, FetchPart) and s.notice.edge == edge]
+    return state.handle(PartFetched(fetch, version, state.world.world_epoch, covers, False))
+
+
+def regrouped() -> CloudState:
+    """Of a map of r1, r2 and r3, fused at e1, e1 and e2, r2 is on its way to e2: e1 does not show it any more."""
+    state = CloudState(expected=("r1", "r2", "r3", "r4"))
+    at = {"r1": "e1", "r2": "e1", "r3": "e2"}
+    state.handle(Routed(routes(1, at)))
+    for robot, edge in at.items():
+        state.handle(MapNoticed(map_notice(robot, edge, 1)))
+    for step in state.handle(Tick()):
+        state.handle(SketchFetched(step))
+    state.handle(Solved(solved(only(Solve, state.handle(Tick())), dict.fromkeys(at, 1))))
+    live(state, "e1", 5, "r1", "r2")
+    state.handle(Composed(well=True))
+    assert set(only(Compose, live(state, "e2", 6, "r3")).covers) == {"r1", "r2", "r3"}
+    state.handle(Composed(well=True))
+    state.handle(Routed(routes(2, at, at | {"r2": "e2"})))
+    assert live(state, "e1", 7, "r1") == []
+    return state
+
+
+def test_a_robot_between_two_fusing_edges_stays_in_the_map() -> None:
+    state = regrouped()
+    assert set(only(Compose, live(state, "e2", 8, "r2", "r3")).covers) == {"r1", "r2", "r3"}
+
+
+def test_the_map_does_not_wait_for_ever_for_a_robot_that_does_not_come_back() -> None:
+    state = regrouped()
+    steps = [step for _ in range(PATIENCE + 1) for step in state.handle(Tick())]
+    assert set(only(Compose, steps).covers) == {"r1", "r3"}
+
+
+def test_a_robot_that_is_routed_no_more_is_not_waited_for() -> None:
+    state = regrouped()
+    state.handle(Routed(routes(3, {"r1": "e1", "r3": "e2"})))
+    steps = [step for step in state.handle(Tick()) if isinstance(step, Compose)]
+    assert set(only(Compose, steps).covers) == {"r1", "r3"}
+
+
 def test_a_robot_routed_no_more_is_forgotten() -> None:
     state, _ = settled()
     assert state.handle(Routed(routes(2, {"r1": "e1"}))) == [Forget("r2")]
