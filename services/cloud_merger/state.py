@@ -216,7 +216,9 @@ class CloudState:
 
     def _solve(self) -> list[Instruction]:
         final = self.ready_to_settle()
-        if self.solving or not self.sketches or not (final or (self.changed and self.final_versions() is None)):
+        # worlds that come faster than edges render would never be seen whole
+        live = self.changed and self.final_versions() is None and not self._held()
+        if self.solving or not self.sketches or not (final or live):
             return []
         self.solving, self.changed = True, False
         robots = tuple(sorted(self.sketches))
@@ -246,7 +248,7 @@ class CloudState:
         return self._compose()
 
     def _compose(self) -> list[Instruction]:
-        if self.world is None or self.composing or (self._shrinking() and self.waited < PATIENCE):
+        if self.world is None or self.composing or self._held():
             return []
         parts = self._rendered()
         covers = together(parts, self._fused_at)
@@ -270,6 +272,10 @@ class CloudState:
         held = {edge: self.parts[edge] for edge in self.fusing_edges() if edge in self.parts}
         return {edge: part for edge, part in held.items() if part.world_epoch == epoch}
 
+    def _held(self) -> bool:
+        """The map as it is shown is better than what could be shown now, and has not been for long."""
+        return self.waited < PATIENCE and self._shrinking()
+
     def _shrinking(self) -> bool:
         """The global map would lose for a moment what it shows.
 
@@ -281,10 +287,11 @@ class CloudState:
         covers = together(rendered, self._fused_at)
         return covers is not None and not self.shown & self.members.keys() <= covers.keys()
 
-    def _final_covers(self) -> Covers:
-        """What the final map must contain: all of every robot, made under its present epoch."""
+    def _final_covers(self) -> Covers | None:
+        """What the final map must contain, all of every robot; None while one has no map of its present epoch."""
         current = {robot: self._current(robot) for robot in self.members}
-        return {robot: notice.cover for robot, notice in current.items() if notice is not None}
+        covers = {robot: notice.cover for robot, notice in current.items() if notice is not None}
+        return covers if covers.keys() == current.keys() else None
 
 
 def _name(fetch: FetchSketch | FetchPart) -> str:

@@ -107,6 +107,13 @@ def test_the_final_map_is_composed_once_every_part_is_final() -> None:
     assert set(compose.covers) == {"r1", "r2"}
 
 
+def test_no_map_is_final_without_a_robot_whose_map_is_being_made_anew_elsewhere() -> None:
+    state, solve = settled()
+    state.handle(Solved(solved(solve, {"r1": 1, "r2": 1})))
+    state.handle(Routed(routes(2, {"r1": "e1", "r2": "e1"}, epochs={"r2": 2})))
+    assert part(state, "e1", "r1", 5) == []
+
+
 def test_a_composition_that_failed_is_tried_again() -> None:
     state, solve = settled()
     state.handle(Solved(solved(solve, {"r1": 1, "r2": 1})))
@@ -198,12 +205,35 @@ def regrouped() -> CloudState:
     state.handle(Composed(well=True))
     state.handle(Routed(routes(2, at, at | {"r2": "e2"})))
     assert live(state, "e1", 7, "r1") == []
+    assert state.world is not None
+    assert state.handle(Solved(state.world)) == []
     return state
 
 
 def test_a_robot_between_two_fusing_edges_stays_in_the_map() -> None:
     state = regrouped()
     assert set(only(Compose, live(state, "e2", 8, "r2", "r3")).covers) == {"r1", "r2", "r3"}
+
+
+def test_no_new_world_comes_before_edges_have_rendered_the_last_one() -> None:
+    state = regrouped()
+    live(state, "e2", 8, "r2", "r3")
+    state.handle(Composed(well=True))
+    sketched(state, "r1", "e1", 2)
+    world = solved(only(Solve, state.handle(Tick())), {"r1": 2, "r2": 1, "r3": 1})
+    state.handle(Solved(world))
+    state.handle(MapNoticed(map_notice("r1", "e1", 3)))
+    mine, theirs = {"r1": cover(9)}, {"r2": cover(10), "r3": cover(10)}
+    state.handle(EdgeMapNoticed(edge_notice("e1", 9, world.world_epoch, mine)))
+    sketch, first = state.handle(Tick())
+    assert state.handle(SketchFetched(sketch)) == []
+    assert state.handle(PartFetched(first, 9, world.world_epoch, mine, False)) == []
+    state.handle(EdgeMapNoticed(edge_notice("e2", 10, world.world_epoch, theirs)))
+    (second,) = state.handle(Tick())
+    assert state.changed
+    compose = only(Compose, state.handle(PartFetched(second, 10, world.world_epoch, theirs, False)))
+    assert set(compose.covers) == {"r1", "r2", "r3"}
+    assert only(Solve, state.handle(Tick()))
 
 
 def test_the_map_does_not_wait_for_ever_for_a_robot_that_does_not_come_back() -> None:
