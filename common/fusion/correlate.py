@@ -20,8 +20,11 @@ from common.geometry.se2 import wrap
 
 SMOOTH_BINS = 2.0
 """blur of the orientation histograms: 1 degree"""
+STRETCH = 32
+"""scores that are passed over at once when none of them is high enough"""
 
 Raster = NDArray[np.float32]
+Spectrum = NDArray[np.complex64]
 
 
 def propose_by_correlation(a: MatchMap, b: MatchMap, settings: FusionSettings) -> NDArray[np.float64]:
@@ -33,22 +36,43 @@ def propose_by_correlation(a: MatchMap, b: MatchMap, settings: FusionSettings) -
     turned = [rasters(b.walls.points, b.free_points, angle, cell) for angle in angles]
     sizes = np.array([walls_b.shape for walls_b, _, _ in turned]).max(axis=0) + walls_a.shape - 1
     shape = tuple(scipy.fft.next_fast_len(int(n), real=True) for n in sizes)
-    attract = scipy.fft.rfft2(spread - settings.repulsion * free_a, shape)
-    repel = scipy.fft.rfft2(-settings.repulsion * spread, shape)
+    attract = _spectrum(spread - settings.repulsion * free_a, shape)
+    repel = _spectrum(-settings.repulsion * spread, shape)
     poses: list[NDArray[np.float64]] = []
     for angle, (walls_b, free_b, low_b) in zip(angles, turned, strict=True):
         size = np.array(walls_b.shape[::-1])
-        walls, free = scipy.fft.rfft2(walls_b, shape), scipy.fft.rfft2(free_b, shape)
-        forth = scipy.fft.irfft2(attract * walls.conj() + repel * free.conj(), shape)
+        # turned by another half, b's rasters are the same, read from the far corner: correlation is convolution
+        forth, back = (
+            scipy.fft.irfft2(product, shape, overwrite_x=True)
+            for product in _products(attract, repel, _spectrum(walls_b, shape), _spectrum(free_b, shape))
+        )
         for dy, dx in _peaks(forth, settings.peaks):
             shift = np.array([_signed(dx, shape[1], size[0]), _signed(dy, shape[0], size[1])])
             poses.append(np.array([*((low_a - low_b + shift) * cell), float(wrap(angle))]))
-        # turned by another half, b's rasters are the same, read from the far corner: correlation is convolution
-        back = scipy.fft.irfft2(attract * walls + repel * free, shape)
         for dy, dx in _peaks(back, settings.peaks):
             shift = np.array([dx, dy]) - (size - 1)
             poses.append(np.array([*((low_a + low_b + size + shift) * cell), float(wrap(angle + math.pi))]))
     return np.array(poses).reshape(-1, 3)
+
+
+def _spectrum(raster: Raster, shape: tuple[int, ...]) -> Spectrum:
+    """The real FFT of a raster filled up with zeros to `shape`, whose empty rows are not transformed."""
+    rows = scipy.fft.rfft(raster, shape[1], axis=1)
+    return np.asarray(scipy.fft.fft(rows, shape[0], axis=0, overwrite_x=True))
+
+
+@njit(cache=True)
+def _products(attract: Spectrum, repel: Spectrum, walls: Spectrum, free: Spectrum) -> tuple[Spectrum, Spectrum]:
+    """attract walls* + repel free*, and the same without the conjugation, in one pass."""
+    forth, back = np.empty_like(attract), np.empty_like(attract)
+    for y in range(attract.shape[0]):
+        for x in range(attract.shape[1]):
+            p, q, w, f = attract[y, x], repel[y, x], walls[y, x], free[y, x]
+            real = p.real * w.real + q.real * f.real, p.imag * w.imag + q.imag * f.imag
+            imaginary = p.imag * w.real + q.imag * f.real, p.real * w.imag + q.real * f.imag
+            forth[y, x] = complex(real[0] + real[1], imaginary[0] - imaginary[1])
+            back[y, x] = complex(real[0] - real[1], imaginary[0] + imaginary[1])
+    return forth, back
 
 
 def candidate_rotations(a: NDArray[np.float64], b: NDArray[np.float64], count: int) -> list[float]:
@@ -79,16 +103,26 @@ def rasters(
 
     A cell is free when a free point falls in it and no wall in it or next to it: a small error must not repel.
     """
-    c, s = math.cos(angle), math.sin(angle)
-    cells = np.floor(walls @ np.array([[c, s], [-s, c]]) / cell).astype(np.int64)
-    low = cells.min(axis=0) - 1
-    width, height = cells.max(axis=0) + 2 - low
-    wall = np.zeros((height, width), np.float32)
-    wall[cells[:, 1] - low[1], cells[:, 0] - low[0]] = 1
-    open_ = np.zeros_like(wall)
-    _mark(open_, free, c / cell, s / cell, low)
+    c, s = math.cos(angle) / cell, math.sin(angle) / cell
+    low, (width, height) = _bounds(walls, c, s)
+    wall, open_ = np.zeros((height, width), np.float32), np.zeros((height, width), np.float32)
+    _mark(wall, walls, c, s, low)
+    _mark(open_, free, c, s, low)
     open_[cv2.dilate(wall, np.ones((3, 3), np.uint8)) > 0] = 0
     return wall, open_, low
+
+
+@njit(cache=True)
+def _bounds(points: NDArray[np.float64], c: float, s: float) -> tuple[NDArray[np.int64], tuple[int, int]]:
+    """The lowest cell (x, y) of the turned and scaled points (n, 2) less one, and (width, height) up to the highest
+    and one more."""
+    x, y = c * points[0, 0] - s * points[0, 1], s * points[0, 0] + c * points[0, 1]
+    x0, x1, y0, y1 = x, x, y, y
+    for k in range(1, len(points)):
+        x, y = c * points[k, 0] - s * points[k, 1], s * points[k, 0] + c * points[k, 1]
+        x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
+    low = np.array([math.floor(x0) - 1, math.floor(y0) - 1])
+    return low, (math.floor(x1) + 2 - low[0], math.floor(y1) + 2 - low[1])
 
 
 @njit(cache=True)
@@ -111,21 +145,26 @@ def _peaks(scores: NDArray[np.float32], count: int) -> NDArray[np.int64]:
 def _highest(scores: NDArray[np.float32], count: int) -> tuple[int, NDArray[np.int64]]:
     height, width = scores.shape
     places, tops, found = np.zeros((count + 1, 2), np.int64), np.zeros(count + 1, np.float32), 0
+    least = np.float32(0)
     for y in range(height):
-        for x in range(width):
-            score = scores[y, x]
-            if score <= 0.0 or (found == count and score <= tops[count - 1]):
+        for begin in range(0, width, STRETCH):
+            end, some = min(begin + STRETCH, width), False
+            for x in range(begin, end):
+                some |= scores[y, x] > least
+            if not some:
                 continue
-            around = scores[max(0, y - 2) : y + 3, max(0, x - 2) : x + 3]
-            if around.max() > score:
-                continue
-            k = found
-            while k > 0 and tops[k - 1] < score:
-                tops[k], places[k] = tops[k - 1], places[k - 1]
-                k -= 1
-            tops[k] = score
-            places[k, 0], places[k, 1] = y, x
-            found = min(found + 1, count)
+            for x in range(begin, end):
+                score = scores[y, x]
+                if score <= least or scores[max(0, y - 2) : y + 3, max(0, x - 2) : x + 3].max() > score:
+                    continue
+                k = found
+                while k > 0 and tops[k - 1] < score:
+                    tops[k], places[k] = tops[k - 1], places[k - 1]
+                    k -= 1
+                tops[k] = score
+                places[k, 0], places[k, 1] = y, x
+                found = min(found + 1, count)
+                least = tops[count - 1]
     return found, places
 
 

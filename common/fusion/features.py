@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from common.geometry.se2 import apply
 from common.grid.grid import FREE, OCCUPIED
 
 PIXEL_M = 0.1
@@ -165,23 +167,44 @@ def _ransac(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """The pose that most matches agree on, fitted to them, and which do."""
     draws = rng.integers(0, len(points_a), (DRAWS, 2))
-    lengths = [np.linalg.norm(p[draws[:, 0]] - p[draws[:, 1]], axis=1) for p in (points_a, points_b)]
-    draws = draws[(np.abs(lengths[0] - lengths[1]) < INLIER_M) & (lengths[0] > MIN_SPREAD_M)]
-    if not len(draws):
+    points_a, points_b = np.ascontiguousarray(points_a), np.ascontiguousarray(points_b)
+    agreed, best = _most_agreed(points_a, points_b, draws)
+    if not agreed:
         return np.zeros(3), np.zeros(len(points_a), np.bool_)
-    poses = fit_rigid(points_a[draws], points_b[draws])
-    errors = _errors(poses, points_a, points_b)
-    inliers = errors[int(np.argmax((errors < INLIER_M).sum(axis=1)))] < INLIER_M
+    inliers = _near(best, points_a, points_b)
     pose = fit_rigid(points_a[inliers], points_b[inliers])
-    again = _errors(pose[None], points_a, points_b)[0] < INLIER_M
-    return pose, again | inliers
+    return pose, _near(pose, points_a, points_b) | inliers
 
 
-def _errors(
-    poses: NDArray[np.float64], points_a: NDArray[np.float64], points_b: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(poses, points) distance in m between pose(b) and a."""
-    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
-    x = poses[:, :1] + c * points_b[:, 0] - s * points_b[:, 1] - points_a[:, 0]
-    y = poses[:, 1:2] + s * points_b[:, 0] + c * points_b[:, 1] - points_a[:, 1]
-    return np.asarray(np.hypot(x, y))
+def _near(pose: NDArray[np.float64], points_a: NDArray[np.float64], points_b: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points of b the pose brings to their points of a."""
+    return np.asarray(np.linalg.norm(apply(pose, points_b) - points_a, axis=1) < INLIER_M)
+
+
+@njit(cache=True)
+def _most_agreed(
+    points_a: NDArray[np.float64], points_b: NDArray[np.float64], draws: NDArray[np.int64]
+) -> tuple[int, NDArray[np.float64]]:
+    """(matches brought together, pose) of the first best among the poses that two matches each (n, 2) fix."""
+    most, pose = 0, np.zeros(3)
+    for k in range(len(draws)):
+        i, j = draws[k, 0], draws[k, 1]
+        ax, ay = points_a[j, 0] - points_a[i, 0], points_a[j, 1] - points_a[i, 1]
+        bx, by = points_b[j, 0] - points_b[i, 0], points_b[j, 1] - points_b[i, 1]
+        length_a, length_b = math.hypot(ax, ay), math.hypot(bx, by)
+        if length_a <= MIN_SPREAD_M or abs(length_a - length_b) >= INLIER_M:
+            continue
+        product = length_a * length_b
+        c, s = (bx * ax + by * ay) / product, (bx * ay - by * ax) / product
+        mx, my = 0.5 * (points_b[i, 0] + points_b[j, 0]), 0.5 * (points_b[i, 1] + points_b[j, 1])
+        x = 0.5 * (points_a[i, 0] + points_a[j, 0]) - c * mx + s * my
+        y = 0.5 * (points_a[i, 1] + points_a[j, 1]) - s * mx - c * my
+        agreed = 0
+        for m in range(len(points_a)):
+            ex = x + c * points_b[m, 0] - s * points_b[m, 1] - points_a[m, 0]
+            ey = y + s * points_b[m, 0] + c * points_b[m, 1] - points_a[m, 1]
+            agreed += ex * ex + ey * ey < INLIER_M * INLIER_M
+        if agreed > most:
+            most = agreed
+            pose[:] = x, y, math.atan2(s, c)
+    return most, pose

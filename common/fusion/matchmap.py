@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from common.errors import Unmergeable
@@ -101,12 +102,26 @@ class MatchMap:
     @cached_property
     def free_points(self) -> NDArray[np.float64]:
         """(n, 2) m: centres of free cells, one of every 2 x 2."""
-        free = np.ascontiguousarray(self.occupancy[::2, ::2] == FREE)
-        places, width = np.flatnonzero(free), free.shape[1]
-        return self.origin + (np.stack([places % width, places // width], axis=1) * 2 + 0.5) * self.resolution
+        return _free_centres(self.occupancy, self.origin, self.resolution)
 
     def features(self, count: int) -> Features:
         """At most `count` ORB key points; found once per count."""
         if count not in self._features:
             self._features[count] = find_features(self.occupancy, self.origin, self.resolution, count)
         return self._features[count]
+
+
+@njit(cache=True)
+def _free_centres(occupancy: NDArray[np.int8], origin: NDArray[np.float64], resolution: float) -> NDArray[np.float64]:
+    """(n, 2) m, row by row: centres of the free cells in even rows and columns."""
+    count = 0
+    for y in range(0, occupancy.shape[0], 2):
+        for x in range(0, occupancy.shape[1], 2):
+            count += occupancy[y, x] == FREE
+    centres, k = np.empty((count, 2)), 0
+    for y in range(0, occupancy.shape[0], 2):
+        for x in range(0, occupancy.shape[1], 2):
+            if occupancy[y, x] == FREE:
+                centres[k, 0], centres[k, 1] = origin[0] + (x + 0.5) * resolution, origin[1] + (y + 0.5) * resolution
+                k += 1
+    return centres

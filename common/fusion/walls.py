@@ -26,6 +26,8 @@ SAME_WAY = 0.7
 STRAIGHT = 0.5
 """below this straightness a wall is a corner or a dot and may match any direction"""
 FAR_M = np.float32(1e3)
+BLOCK = 64
+"""columns that the nearest walls are found for at once"""
 
 
 class Walls(NamedTuple):
@@ -188,32 +190,42 @@ def _nearest(
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """(distance in m, index) of the nearest wall within reach, of equals the first.
 
-    First along each row, then over the rows in reach, cell by cell side by side.
+    First along each row, then over the rows in reach, BLOCK columns side by side, and only where walls are near. There
+    a cell's key is the squared distance and, below that, which row it came from: the least key is the nearest, first.
     """
-    far = np.int32(1 << 29)
-    squares, wall = np.full((height, width), far), np.full((height, width), np.int32(-1))
-    filled = np.zeros(height, np.bool_)
+    far, rows = np.int32(1 << 29), 2 * reach + 1
+    blocks = -(-width // BLOCK)
+    keys, wall = np.empty((height, blocks * BLOCK), np.int32), np.empty((height, blocks * BLOCK), np.int32)
+    filled = np.zeros((height, blocks), np.bool_)
     for k in range(len(cells)):
         row, column = cells[k, 0], cells[k, 1]
-        filled[row] = True
-        for x in range(max(0, column - reach), min(width, column + reach + 1)):
-            square = np.int32((x - column) * (x - column))
-            if square < squares[row, x]:
-                squares[row, x], wall[row, x] = square, k
-    distance, nearest = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
-    best, index = np.empty(width, np.int32), np.empty(width, np.int32)
+        first, end = max(0, column - reach), min(width, column + reach + 1)
+        for block in range(first // BLOCK, (end - 1) // BLOCK + 1):
+            if not filled[row, block]:
+                filled[row, block] = True
+                keys[row, block * BLOCK : (block + 1) * BLOCK] = far
+        for x in range(first, end):
+            key = np.int32((x - column) * (x - column) * rows)
+            if key < keys[row, x]:
+                keys[row, x], wall[row, x] = key, k
+    distance, nearest = np.full((height, width), FAR_M), np.full((height, width), np.int32(-1))
+    lengths = np.sqrt(np.arange(reach * reach + 1).astype(np.float32)) * np.float32(resolution)
+    best = np.empty(BLOCK, np.int32)
     for y in range(height):
-        best[:], index[:] = far, -1
-        for row in range(max(0, y - reach), min(height, y + reach + 1)):
-            if filled[row]:
-                down = np.int32((row - y) * (row - y))
-                for x in range(width):
-                    square = squares[row, x] + down
-                    closer = square < best[x]
-                    best[x] = square if closer else best[x]
-                    index[x] = wall[row, x] if closer else index[x]
-        for x in range(width):
-            near = best[x] <= reach * reach
-            distance[y, x] = np.sqrt(np.float32(best[x])) * np.float32(resolution) if near else FAR_M
-            nearest[y, x] = index[x] if near else -1
+        for block in range(blocks):
+            begin, near = block * BLOCK, False
+            for row in range(max(0, y - reach), min(height, y + reach + 1)):
+                if filled[row, block]:
+                    if not near:
+                        near = True
+                        best[:] = far
+                    down = np.int32((row - y) * (row - y) * rows + row - y + reach)
+                    for x in range(BLOCK):
+                        best[x] = min(best[x], keys[row, begin + x] + down)
+            if near:
+                for x in range(min(BLOCK, width - begin)):
+                    square, row = best[x] // rows, y - reach + best[x] % rows
+                    if square <= reach * reach:
+                        distance[y, begin + x] = lengths[square]
+                        nearest[y, begin + x] = wall[row, begin + x]
     return distance, nearest
