@@ -148,15 +148,36 @@ def test_a_restored_kernel_continues_bit_for_bit(lag_scans: int) -> None:
     assert kernel.snapshot() == straight.snapshot()
 
 
-def test_a_foreign_corrupt_newer_or_otherwise_set_snapshot_is_refused_by_name() -> None:
+def test_restored_at_twenty_points_the_final_map_is_the_same_bit_for_bit() -> None:
+    frames = drive(100)
+    straight = GMapping.create(FEW, 1)
+    points = np.sort(np.random.default_rng(5).choice(100, 20, replace=False))
+    kept = {}
+    for k, frame in enumerate(frames):
+        if k in points:
+            kept[k] = straight.snapshot()
+        straight.process(frame)
+    digest, rows = straight.map().digest(), straight.trajectory()
+    for k, data in kept.items():
+        kernel = GMapping.create(FEW, 0)
+        kernel.restore(data)
+        for frame in frames[k:]:
+            kernel.process(frame)
+        assert kernel.map().digest() == digest
+        assert np.array_equal(kernel.trajectory(), rows)
+
+
+def test_a_foreign_corrupt_older_newer_or_otherwise_set_snapshot_is_refused_by_name() -> None:
     kernel = run(drive(10))
     data, digest = kernel.snapshot(), kernel.map().digest()
     newer = MAGIC + (FORMAT + 1).to_bytes(2, "little") + data[len(MAGIC) + 2 :]
+    older = MAGIC + (FORMAT - 1).to_bytes(2, "little") + data[len(MAGIC) + 2 :]
     flipped = bytearray(data)
     flipped[HEAD_BYTES + 50] ^= 1
     for bad, what in (
         (b"graph" + data, "no snapshot"),
         (newer, "newer"),
+        (older, "format 2 is older than 3"),
         (bytes(flipped), "corrupt"),
         (data[:-1], "corrupt"),
     ):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -63,6 +65,24 @@ def test_settling_keeps_each_living_lineage() -> None:
         row = len(tree.branches) // 2
         ancestor = tree.ancestors(row)[particle]
         assert np.array_equal(tree.branches[row].poses[ancestor], lineage(made, particle)[len(tree.settled) + row])
+
+
+def test_only_ancestors_of_the_living_are_kept_however_often_the_tree_is_pruned() -> None:
+    made = grown(4, 60)[1]
+    often, once = ParticleTree(), ParticleTree()
+    for k, generation in enumerate(made):
+        often.append(generation)
+        once.append(generation)
+        if k % 7 == 3:
+            often.settle()
+    often.settle()
+    once.settle()
+    for tree in (often, once):
+        assert all(len(np.unique(b.parents)) == len(a.poses) for a, b in pairwise(tree.branches))
+        assert len(tree.branches[-1].poses) == PARTICLES
+        for particle in range(PARTICLES):
+            assert np.array_equal(tree.lineage(particle), lineage(made, particle))
+    assert [len(g.poses) for g in often.branches] == [len(g.poses) for g in once.branches]
 
 
 def test_the_map_is_the_same_however_often_the_best_particle_changed() -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from services.edge_worker.slam import patch_state
 from services.edge_worker.slam.hill_climb import climb, fit, misfit, rotate, search
-from services.edge_worker.slam.patch_map import (
+from services.edge_worker.slam.patch_map import PatchMap
+from services.edge_worker.slam.patch_pool import (
     COARSER,
     FAR,
     MEAN_BITS,
@@ -14,8 +16,8 @@ from services.edge_worker.slam.patch_map import (
     NEAR_BITS,
     NEAR_UNIT,
     NONE,
+    SHRINK,
     SIDE,
-    PatchMap,
 )
 
 RESOLUTION = 0.05
@@ -43,7 +45,7 @@ def dense(maps: PatchMap, particle: int) -> tuple[np.ndarray, np.ndarray, np.nda
     """hits (h, w), mean (h, w, 2) and near (h, w, 2) of one particle, rows along y."""
     table = maps.table[particle]
     out = []
-    for plane in (maps.hits[table][..., None], maps.mean[table], maps.near[table]):
+    for plane in (maps.pool.hits[table][..., None], maps.pool.mean[table], maps.pool.near[table]):
         tiles = plane.reshape(*table.shape, SIDE, SIDE, plane.shape[-1]).transpose(0, 2, 1, 3, 4)
         out.append(tiles.reshape(table.shape[0] * SIDE, table.shape[1] * SIDE, plane.shape[-1]))
     return out[0][..., 0], out[1], out[2]
@@ -99,7 +101,7 @@ def test_a_copied_map_is_shared_until_one_of_the_two_is_written() -> None:
     apart = maps.held
     maps.resample(np.array([0, 0]))
     assert maps.held < apart
-    assert (maps.holders[maps.table[maps.table != NONE]] == 2).all()
+    assert (maps.pool.holders[maps.table[maps.table != NONE]] == 2).all()
     before = dense(maps, 0)
     maps.add(np.array([[1.0, 1.0]], np.float32), np.array([[0.0, 0, 0], [9.0, 0, 0]])[:1])
     assert not np.array_equal(dense(maps, 0)[0], before[0])
@@ -113,7 +115,7 @@ def test_patches_that_no_particle_holds_are_used_again() -> None:
     for _ in range(30):
         maps.add(walls(rng, 60), rng.normal(0, [0.3, 0.3, 0.3], (8, 3)))
         maps.resample(np.zeros(8, int))
-        sizes.append(len(maps.holders))
+        sizes.append(len(maps.pool.holders))
     assert sizes[-1] == sizes[3]
     assert maps.held == len(np.unique(maps.table[maps.table != NONE]))
 
@@ -144,8 +146,8 @@ def test_fit_and_misfit_are_those_of_plain_numpy() -> None:
     index = np.floor(cells).astype(int)
     square = np.square(near[index[:, 1], index[:, 0]] * NEAR_UNIT - (cells - index)).sum(axis=1)
     table = maps.table[0]
-    assert fit(cells, 0.0, 0.0, table, maps.near, 3.0) == pytest.approx(np.maximum(1 - square / 9, 0).sum())
-    cost, found = misfit(cells, 0.0, 0.0, table, maps.near, 2.0, 1.5)
+    assert fit(cells, 0.0, 0.0, table, maps.pool.near, 3.0) == pytest.approx(np.maximum(1 - square / 9, 0).sum())
+    cost, found = misfit(cells, 0.0, 0.0, table, maps.pool.near, 2.0, 1.5)
     assert found == (square < 9).sum()
     assert cost == pytest.approx(np.where(square < 9, np.minimum(square / 8, 1.5), 1.5).sum())
 
@@ -153,8 +155,8 @@ def test_fit_and_misfit_are_those_of_plain_numpy() -> None:
 def test_points_off_the_table_score_nothing() -> None:
     maps = a_map(1)
     far = np.array([[-1e4, 3.0], [3.0, -1e4], [1e4, 3.0], [3.0, 1e4], [-0.5, 5.0]])
-    assert fit(far, 0.0, 0.0, maps.table[0], maps.near, 3.0) == 0.0
-    assert misfit(far, 0.0, 0.0, maps.table[0], maps.near, 1.0, 2.0) == (10.0, 0)
+    assert fit(far, 0.0, 0.0, maps.table[0], maps.pool.near, 3.0) == 0.0
+    assert misfit(far, 0.0, 0.0, maps.table[0], maps.pool.near, 1.0, 2.0) == (10.0, 0)
 
 
 @pytest.mark.parametrize("offset", [(0.06, -0.04, 0.03), (-0.2, 0.25, -0.1)])
@@ -166,26 +168,92 @@ def test_a_scan_finds_back_to_where_it_was_taken(offset: tuple[float, float, flo
     points = walls(rng, 180) / RESOLUTION
     start = np.array([*maps.to_table(np.array(offset[:2])), offset[2]])
     free = np.zeros(2)
-    near = search(points, start, free, 6, 6, 0.03, maps.table[0], maps.near, 3.0)
-    x, y, theta, score = climb(points, near, near, free, 1.0, 0.05, 5, maps.table[0], maps.near, 3.0)
+    near = search(points, start, free, 6, 6, 0.03, maps.table[0], maps.pool.near, 3.0)
+    x, y, theta, score = climb(points, near, near, free, 1.0, 0.05, 5, maps.table[0], maps.pool.near, 3.0)
     assert np.abs(maps.to_metres(np.array([x, y]))).max() < 0.01
     assert abs(theta) < 0.006
     turned = np.empty_like(points)
     rotate(points, theta, turned)
-    assert score == pytest.approx(fit(turned, x, y, maps.table[0], maps.near, 3.0))
+    assert score == pytest.approx(fit(turned, x, y, maps.table[0], maps.pool.near, 3.0))
 
 
-def test_a_restored_map_continues_like_the_original() -> None:
+def same_maps(a: PatchMap, b: PatchMap) -> bool:
+    return all(
+        np.array_equal(x, y)
+        for particle in range(len(a.table))
+        for x, y in zip(dense(a, particle), dense(b, particle), strict=True)
+    )
+
+
+def test_a_pool_that_is_mostly_free_shrinks_and_keeps_the_maps() -> None:
+    rng = np.random.default_rng(9)
+    maps = a_map(12, 9.0)
+    for _ in range(6):
+        maps.add(walls(rng), rng.normal(0, [2.0, 2.0, 1.0], (12, 3)))
+    twin = patch_state.restored(patch_state.state(maps), 12, RESOLUTION)
+    large, crowded = maps.pool.nbytes, maps.held
+    maps.resample(np.zeros(12, int))
+    assert maps.held * SHRINK < crowded
+    assert maps.pool.nbytes < large / 2
+    for particle in range(12):
+        assert all(np.array_equal(a, b) for a, b in zip(dense(maps, particle), dense(twin, 0), strict=True))
+    maps.add(walls(rng), rng.normal(0, [2.0, 2.0, 1.0], (12, 3)))
+    for particle in range(12):
+        hits, mean, near = dense(maps, particle)
+        inner = near[1:-1, 1:-1].astype(int)
+        wanted = near_twin(hits, mean)
+        found = np.hypot(*(inner - (1 << NEAR_BITS - 1)).transpose(2, 0, 1))
+        np.testing.assert_allclose(found[np.isfinite(wanted)], wanted[np.isfinite(wanted)])
+
+
+def test_a_grown_pool_holds_what_was_there_and_numbers_stay() -> None:
+    rng = np.random.default_rng(10)
+    maps = a_map(4)
+    maps.add(walls(rng), rng.normal(0, [0.2, 0.2, 0.5], (4, 3)))
+    twin, table, size = patch_state.restored(patch_state.state(maps), 4, RESOLUTION), maps.table.copy(), maps.held
+    maps.pool.grow()
+    assert np.array_equal(maps.table, table)
+    assert maps.held == size
+    assert same_maps(maps, twin)
+    fresh = maps.pool.free[: maps.pool.spare[0]]
+    assert sorted([*fresh, *np.unique(table)]) == list(range(len(maps.pool.holders)))
+
+
+def test_a_restored_map_is_the_same_bit_for_bit_and_continues_like_the_original() -> None:
     rng = np.random.default_rng(8)
     maps = a_map(4)
     poses = rng.normal(0, [0.2, 0.2, 0.1], (4, 3))
-    maps.add(walls(rng), poses)
+    for _ in range(8):
+        maps.add(walls(rng), poses)
     maps.resample(np.array([1, 1, 3, 3]))
-    twin = PatchMap(4, RESOLUTION)
-    twin.restore(maps.state())
+    both = np.array([[0.525, 0.525], [0.425, 0.525]], np.float32)  # equally near to the cell between them
+    maps.add(both, np.zeros((4, 3)))
+    told = patch_state.state(maps)
+    assert len(told["odd"]) > 0  # the one that came first stays the nearest: a search from scratch may find the other
+    twin = patch_state.restored(told, 4, RESOLUTION)
     assert twin.held == maps.held
+    assert same_maps(twin, maps)
     more = walls(rng)
     for each in (maps, twin):
         each.add(more, poses)
-    for particle in range(4):
-        assert all(np.array_equal(a, b) for a, b in zip(dense(maps, particle), dense(twin, particle), strict=True))
+        each.resample(np.array([0, 2, 2, 3]))
+    assert same_maps(twin, maps)
+    assert all(
+        np.array_equal(a, b)
+        for a, b in zip(patch_state.state(maps).values(), patch_state.state(twin).values(), strict=True)
+    )
+
+
+def test_maps_that_are_not_all_there_are_not_restored() -> None:
+    maps = a_map(2)
+    maps.add(walls(np.random.default_rng(11)), np.array([[0.0, 0, 0], [0.5, 0, 0]]))
+    told = patch_state.state(maps)
+    for name, value in (
+        ("hits", told["hits"][:-1]),
+        ("mean", told["mean"][1:]),
+        ("codes", told["codes"][:, :1]),
+        ("codes", np.where(told["codes"] == 1, 0, told["codes"])),
+        ("places", told["places"] + 10**6),
+    ):
+        with pytest.raises(ValueError, match="maps"):
+            patch_state.restored({**told, name: value}, 2, RESOLUTION)

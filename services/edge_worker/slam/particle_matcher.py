@@ -45,7 +45,7 @@ class ParticleMatcher:
         start = self._search(cells, self._cells(guess), pull, doubt, particle)
         x, y, theta, _ = climb(cells, start, self._cells(guess), pull, *self._climbing(), *self._map(particle))
         pose = np.array([x, y, theta])
-        found = found_walls(cells, pose, self.maps.table[particle], self.maps.near)
+        found = found_walls(cells, pose, self.maps.table[particle], self.maps.pool.near)
         if found < self.settings.min_found * len(cells):
             return guess, False
         return self._metres(pose), True
@@ -88,7 +88,7 @@ class ParticleMatcher:
             self._cells(poses),
             *self._climbing(),
             self.maps.table,
-            self.maps.near,
+            self.maps.pool.near,
             s.reach_m / s.resolution_m,
             s.likelihood_m / s.resolution_m,
             s.likelihood_worst,
@@ -128,7 +128,7 @@ class ParticleMatcher:
         return self.settings.step_m / self.settings.resolution_m, self.settings.step_rad, self.settings.halvings
 
     def _map(self, particle: int) -> tuple[NDArray[np.int32], NDArray[np.int16], float]:
-        return self.maps.table[particle], self.maps.near, self.settings.reach_m / self.settings.resolution_m
+        return self.maps.table[particle], self.maps.pool.near, self.settings.reach_m / self.settings.resolution_m
 
     def _cells(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.concatenate([self.maps.to_table(poses[..., :2]), poses[..., 2:]], axis=-1)

@@ -1,14 +1,15 @@
 """The tree of the particles' trajectories: who descends from whom, and what each saw.
 
 Each registered scan is a generation: a pose for every particle and the particle of the generation before that it
-descends from. Generations in which all living particles share one ancestor are settled: of them only that pose
-remains, so that memory grows with the branches alone, not with particles times scans.
+descends from. Of a generation only those are kept who have living descendants. Generations in which all living
+particles share one ancestor are settled: of them only that pose remains, so that memory grows with the branches alone,
+not with particles times scans.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -26,7 +27,7 @@ class Generation:
     poses: NDArray[np.float64]
     """(n, 3) of the base in the map frame"""
     parents: NDArray[np.int64]
-    """(n,) index in the generation before"""
+    """(n,) row in the generation before"""
     points: Points
     """(k, 2) ends in the base frame, m"""
     silent: Points
@@ -41,6 +42,8 @@ class ParticleTree:
     def __init__(self) -> None:
         self.settled: list[Pose] = []
         self.branches: deque[Generation] = deque()
+        self._pruned = 0
+        """so many of the branches hold only who had living descendants when `settle` was last called"""
 
     def __len__(self) -> int:
         return len(self.settled) + len(self.branches)
@@ -50,23 +53,27 @@ class ParticleTree:
         self.branches.append(generation)
 
     def settle(self) -> list[tuple[Pose, Generation]]:
-        """Prune to single poses what all particles share; returns the generations that this settles, oldest first."""
-        if not self.branches:
-            return []
-        alive = np.arange(len(self.branches[-1].parents))
-        ancestors = []
-        for generation in reversed(self.branches):
-            ancestors.append(alive)
-            alive = np.unique(generation.parents[alive])
+        """Forget who has no living descendants; returns the generations that this settles, oldest first."""
+        for row in range(len(self.branches) - 1, 0, -1):
+            generation, before = self.branches[row], self.branches[row - 1]
+            living = np.zeros(len(before.poses), bool)
+            living[generation.parents] = True
+            if living.all():
+                if row <= self._pruned:
+                    break
+                continue
+            self.branches[row] = replace(generation, parents=(np.cumsum(living) - 1)[generation.parents])
+            self.branches[row - 1] = replace(before, poses=before.poses[living], parents=before.parents[living])
         fixed = []
-        while ancestors and len(ancestors[-1]) == 1 and len(self.branches) > 1:
-            pose = self.branches[0].poses[ancestors.pop()[0]].copy()
+        while len(self.branches) > 1 and len(self.branches[0].poses) == 1:
+            pose = self.branches[0].poses[0].copy()
             self.settled.append(pose)
             fixed.append((pose, self.branches.popleft()))
+        self._pruned = len(self.branches)
         return fixed
 
     def ancestors(self, row: int) -> NDArray[np.int64]:
-        """For each particle (n,) of the last generation its ancestor in unsettled generation `row`."""
+        """For each particle (n,) of the last generation the row of its ancestor in unsettled generation `row`."""
         alive = np.arange(len(self.branches[-1].parents))
         for generation in islice(reversed(self.branches), len(self.branches) - 1 - row):
             alive = generation.parents[alive]

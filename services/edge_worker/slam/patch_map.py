@@ -1,84 +1,59 @@
-"""Endpoint maps of all particles in one pool of small patches that particles share until one of them writes.
+"""Endpoint maps of all particles: tables of numbers of patches, which particles share until one of them writes.
 
-A particle's map is a table of patch numbers; copying a map copies its table and counts one more holder per patch
-(GMapping's copy-on-write hierarchical grid). Per cell a patch keeps the number of hits, their centroid, and, so that
-matching needs one look-up per beam, the nearest centroid among the 3 x 3 cells around (`near`). Nothing is ray traced.
-
-Lengths here are in cells, "table units": cells from the lower left corner of the table.
+Copying a map copies its table and counts one more holder per patch (GMapping's copy-on-write hierarchical grid).
+Nothing is ray traced. Lengths here are in cells, "table units": cells from the lower left corner of the table.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-SIDE = 16
-"""cells along one side of a patch"""
-CELLS = SIDE * SIDE
-SHIFT, LOW = 4, SIDE - 1
-NONE = 0
-"""number of the patch that every table has where it has none: never written, so that reading needs no branch"""
-MEAN_BITS, NEAR_BITS = 16, 7
-"""`mean` is in 2^-16 cells so that it can follow many hits, `near` in 2^-7 cells (0.4 mm of 5 cm) so that it rarely
-changes"""
-COARSER = MEAN_BITS - NEAR_BITS
-NEAR_UNIT = 2.0**-NEAR_BITS
-"""of a cell"""
-CENTRE = 1 << (NEAR_BITS - 1)
-FAR = np.int16(32767)
-"""stands for "no centroid" in `near`: far away, where nothing scores, again without a branch"""
-FAR_CELLS = 3.0
-"""what `near` holds lies nearer than this to any point of its cell, FAR lies further"""
-MOST_HITS = 16
-"""a cell's centroid stands once it is the mean of so many hits: known places stay shared and cost nothing"""
+from services.edge_worker.slam.patch_pool import (
+    CENTRE,
+    COARSER,
+    FAR,
+    LOW,
+    MEAN_BITS,
+    MOST_HITS,
+    NEAR_BITS,
+    NONE,
+    SHIFT,
+    SIDE,
+    PatchPool,
+    own,
+)
+
+BLOCK = 16
+"""cells; the table grows in steps of so many"""
 MARGIN = 4
-"""patches of slack when the table grows"""
-FIRST_PATCHES = 256
+"""blocks of slack when it grows"""
 
 
 class PatchMap:
     """The endpoint maps of n particles.
 
     table (n, height, width) int32: patch numbers, NONE where a particle has none; corner: cell (x, y) of its origin.
-    mean (patches, 256, 2) uint16: centroid of a cell's hits from the cell's corner, in 2^-16 cells.
-    near (patches, 256, 2) int16: nearest centroid of the 3 x 3 cells around, from this cell's corner, in 2^-7 cells;
-    "nearest" to the cell's centre.
-    hits (patches, 256) uint16; holders (patches,) int32: how many tables point to a patch.
     """
 
     def __init__(self, particles: int, resolution_m: float) -> None:
         self.resolution_m = resolution_m
         self.corner = np.zeros(2, np.int64)
         self.table = np.full((particles, 0, 0), NONE, np.int32)
-        self._allocate(FIRST_PATCHES)
-
-    def _allocate(self, patches: int) -> None:
-        self.mean = np.zeros((patches, CELLS, 2), np.uint16)
-        self.near = np.full((patches, CELLS, 2), FAR, np.int16)
-        self.hits = np.zeros((patches, CELLS), np.uint16)
-        self.holders = np.zeros(patches, np.int32)
-        self.free = np.arange(patches - 1, NONE, -1, dtype=np.int32)
-        self.spare = np.array([len(self.free)])
+        self.pool = PatchPool()
 
     @property
     def held(self) -> int:
         """Patches that some particle holds."""
-        return len(self.free) - int(self.spare[0])
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of the pool and the tables."""
-        return self.table.nbytes + self.mean.nbytes + self.near.nbytes + self.hits.nbytes + self.holders.nbytes
+        return self.pool.held
 
     def cover(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
-        """Grow the table until it covers the box low..high (metres, map frame) with a patch to spare all around."""
-        size = self.resolution_m * SIDE
+        """Grow the table until it covers the box low..high (metres, map frame) with a block to spare all around."""
+        size = self.resolution_m * BLOCK
         first, last = np.floor(low / size).astype(np.int64) - 1, np.floor(high / size).astype(np.int64) + 1
-        old = self.corner // SIDE
-        size_now = np.array(self.table.shape[:0:-1])
+        old = self.corner // BLOCK
+        size_now = np.array(self.table.shape[:0:-1]) * SIDE // BLOCK
         if self.table.size == 0:
             old, ends = first - MARGIN, last + MARGIN
         elif (first >= old).all() and (last < old + size_now).all():
@@ -86,11 +61,11 @@ class PatchMap:
         else:
             ends = np.where(last >= old + size_now, last + MARGIN, old + size_now - 1)
         start = np.where(first < old, first - MARGIN, old)
-        width, height = ends - start + 1
+        width, height = (ends - start + 1) * BLOCK // SIDE
         table = np.full((len(self.table), height, width), NONE, np.int32)
-        (x, y), (width, height) = old - start, size_now
+        (x, y), (height, width) = (old - start) * BLOCK // SIDE, self.table.shape[1:]
         table[:, y : y + height, x : x + width] = self.table
-        self.table, self.corner = table, start * SIDE
+        self.table, self.corner = table, start * BLOCK
 
     def to_table(self, metres: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points (..., 2) of the map frame in table units."""
@@ -104,81 +79,18 @@ class PatchMap:
         """Count hits at `points` (k, 2) metres, base frame, in each particle's map at its pose (n, 3); all covered."""
         cells = points.astype(np.float64) / self.resolution_m
         bases = np.concatenate([self.to_table(poses[:, :2]), poses[:, 2:]], axis=1)
+        pool = self.pool
         done, todo = 0, len(points) * len(poses)
         while done < todo:
             done = add_scan(
-                cells, bases, done, self.table, self.mean, self.near, self.hits, self.holders, self.free, self.spare
+                cells, bases, done, self.table, pool.mean, pool.near, pool.hits, pool.holders, pool.free, pool.spare
             )
             if done < todo:
-                self._grow()
-
-    def _grow(self) -> None:
-        """Double the pool (patch numbers stay)."""
-        size = len(self.holders)
-        mean, near, hits, holders = self.mean, self.near, self.hits, self.holders
-        free = self.free[: self.spare[0]].copy()
-        self._allocate(2 * size)
-        self.mean[:size], self.near[:size], self.hits[:size], self.holders[:size] = mean, near, hits, holders
-        self.spare[0] = size + len(free)
-        self.free[size : self.spare[0]] = free  # the new ones lie below: the same order as after `count_holders`
+                pool.grow()
 
     def resample(self, parents: NDArray[np.int64]) -> None:
         """Particle i takes over the map of particle `parents[i]`; patches that nobody holds any more are freed."""
-        self.table = self.table[parents]
-        self.free, self.spare = count_holders(self.table, self.holders)
-
-    def state(self) -> dict[str, Any]:
-        """Everything, as msgpack and arrays take it; patches are numbered anew, without gaps."""
-        used = np.concatenate([[NONE], np.flatnonzero(self.holders)])
-        number = np.zeros(len(self.holders), np.int32)
-        number[used] = np.arange(len(used), dtype=np.int32)
-        return {
-            "corner": self.corner,
-            "table": number[self.table],
-            "mean": self.mean[used],
-            "near": self.near[used],
-            "hits": self.hits[used],
-        }
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """The inverse of `state`."""
-        used = len(state["hits"])
-        self.corner, self.table = state["corner"].copy(), state["table"].copy()
-        self._allocate(max(FIRST_PATCHES, 1 << (used - 1).bit_length()))
-        self.mean[:used], self.near[:used], self.hits[:used] = state["mean"], state["near"], state["hits"]
-        self.free, self.spare = count_holders(self.table, self.holders)
-
-
-@njit(cache=True)
-def count_holders(table, holders):  # type: ignore[no-untyped-def]
-    """Recount `holders` from the tables; returns the list of free patches and, as an array of one, its length."""
-    holders[:] = 0
-    for number in table.ravel():
-        if number != NONE:
-            holders[number] += 1
-    free = np.empty(len(holders) - 1, np.int32)
-    spare = 0
-    for number in range(len(holders) - 1, NONE, -1):
-        if holders[number] == 0:
-            free[spare] = number
-            spare += 1
-    return free, np.array([spare])
-
-
-@njit(cache=True)
-def own(py, px, table, mean, near, hits, holders, free, spare):  # type: ignore[no-untyped-def]
-    """Give this table a patch of its own at (py, px). The pool must have one to spare."""
-    number = table[py, px]
-    if number != NONE and holders[number] == 1:
-        return
-    spare[0] -= 1
-    fresh = free[spare[0]]
-    holders[fresh] = 1
-    # of NONE this copies an empty patch, which also clears what an earlier holder left
-    mean[fresh], near[fresh], hits[fresh] = mean[number], near[number], hits[number]
-    if number != NONE:
-        holders[number] -= 1
-    table[py, px] = fresh
+        self.table = self.pool.only(self.table[parents])
 
 
 @njit(cache=True)
