@@ -18,7 +18,7 @@ PLAIN_LINES = 4
 LINE_M = 0.2
 """walls nearer to a line than this belong to it"""
 TRIED = 120
-"""walls whose lines are tried, each time"""
+"""walls whose lines are tried at most, each time, spread over the map"""
 
 
 def detail_m(a: MatchMap, b: MatchMap, pose: NDArray[np.float64], settings: FusionSettings) -> float:
@@ -29,7 +29,8 @@ def detail_m(a: MatchMap, b: MatchMap, pose: NDArray[np.float64], settings: Fusi
     walls = b.sample.at(np.flatnonzero(classify(a, b.sample, pose, settings) == AGREES))
     left = np.ones(len(walls.points), np.bool_)
     for _ in range(PLAIN_LINES):
-        tried = np.flatnonzero(left & (walls.straightness > STRAIGHT))[:TRIED]
+        tried = np.flatnonzero(left & (walls.straightness > STRAIGHT))
+        tried = tried[:: -(-len(tried) // TRIED) or 1]
         if not len(tried):
             break
         offsets = (walls.normals[tried] * walls.points[tried]).sum(axis=1)

@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 from common.fusion.matchmap import MatchMap
 from common.fusion.overlap import shared_area
 from common.fusion.settings import FusionSettings
-from common.fusion.walls import Walls, alike
-from common.geometry.se2 import apply, inverse
+from common.fusion.walls import NX, NY, SIDED, STRAIGHTNESS, Walls, X, Y, alike
+from common.geometry.se2 import IDENTITY, inverse
 
 BLOB_CELL_M = 0.2
 AREA_M = 0.25
 """lattice on which the area known to both is counted"""
+SLACK = 1e-9
+"""cells squared; a limit that is a whole number of cells is kept to whatever the rounding"""
 OUTSIDE, AGREES, CONTRADICTS, NEITHER = 0, 1, 2, 3
 
 
@@ -57,8 +59,7 @@ def weigh(a: MatchMap, b: MatchMap, pose: NDArray[np.float64], settings: FusionS
     """The evidence about `pose`, the pose of b's frame in a's."""
     in_a = classify(a, b.sample, pose, settings)
     in_b = classify(b, a.sample, inverse(pose), settings)
-    clashing = apply(pose, b.sample.points[in_a == CONTRADICTS])
-    return tally(a, b, in_a, in_b, clashing, pose)
+    return tally(a, b, in_a, in_b, _clashing(in_a, b.sample.lines, pose), pose)
 
 
 def tally(
@@ -70,15 +71,13 @@ def tally(
     pose: NDArray[np.float64],
 ) -> Evidence:
     """The evidence from the labels of b's sampled walls in a, where the `clashing` points are of them, and a's in b."""
-    lengths = np.zeros(4)
-    for labels, map_ in ((in_a, b), (in_b, a)):
-        if len(labels):
-            lengths += np.bincount(labels, minlength=4) * (map_.wall_m / len(labels) / 2)
+    metres = [map_.wall_m / max(len(labels), 1) / 2 for labels, map_ in ((in_a, b), (in_b, a))]
+    lengths = _counts(in_a) * metres[0] + _counts(in_b) * metres[1]
     return Evidence(
         agreeing_m=float(lengths[AGREES]),
         conflicting_m=float(lengths[CONTRADICTS]),
         judged_m=float(lengths[1:].sum()),
-        clashing=np.concatenate([clashing, a.sample.points[in_b == CONTRADICTS]]),
+        clashing=np.concatenate([clashing, _clashing(in_b, a.sample.lines, IDENTITY)]),
         overlap_m2=shared_area(a, b, pose, max(1, round(AREA_M / b.resolution))),
     )
 
@@ -87,20 +86,15 @@ def classify(target: MatchMap, sample: Walls, pose: NDArray[np.float64], setting
     """OUTSIDE, AGREES, CONTRADICTS or NEITHER for each wall of a sample when its map lies at `pose` in the target."""
     return _classify(
         np.asarray(pose, np.float64),
-        sample.points,
-        sample.normals,
-        sample.straightness,
-        sample.sided,
-        target.occupancy,
-        target.nearest.distance,
+        sample.lines,
+        target.walls.lines,
+        target.walls.cells,
         target.nearest.wall,
-        target.walls.normals,
-        target.walls.straightness,
-        target.walls.sided,
+        target.occupancy,
         target.origin,
         target.resolution,
-        settings.tolerance_m,
-        settings.contradiction_m,
+        (settings.tolerance_m / target.resolution) ** 2 + SLACK,
+        (settings.contradiction_m / target.resolution) ** 2 + SLACK,
     )
 
 
@@ -117,48 +111,78 @@ def longest_blob(points: NDArray[np.float64]) -> float:
 
 
 @njit(cache=True)
+def _counts(labels: NDArray[np.int8]) -> NDArray[np.int64]:
+    """(4,) how often each label occurs."""
+    counts = np.zeros(4, np.int64)
+    for label in labels:
+        counts[label] += 1
+    return counts
+
+
+@njit(cache=True)
+def _clashing(labels: NDArray[np.int8], lines: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2) the points of the contradicting walls, brought to where `pose` puts their frame."""
+    count = 0
+    for label in labels:
+        count += label == CONTRADICTS
+    points, i = np.empty((count, 2)), 0
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(len(labels)):
+        if labels[k] == CONTRADICTS:
+            points[i, 0] = pose[0] + c * lines[k, X] - s * lines[k, Y]
+            points[i, 1] = pose[1] + s * lines[k, X] + c * lines[k, Y]
+            i += 1
+    return points
+
+
+@njit(cache=True)
 def _classify(
     pose: NDArray[np.float64],
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    straightness: NDArray[np.float64],
-    sided: NDArray[np.bool_],
-    occupancy: NDArray[np.int8],
-    distance: NDArray[np.float32],
+    lines: NDArray[np.float64],
+    walls: NDArray[np.float64],
+    cells: NDArray[np.int64],
     nearest: NDArray[np.int32],
-    wall_normals: NDArray[np.float64],
-    wall_straightness: NDArray[np.float64],
-    wall_sided: NDArray[np.bool_],
+    occupancy: NDArray[np.int8],
     origin: NDArray[np.float64],
     resolution: float,
-    tolerance: float,
-    contradiction: float,
+    agrees: float,
+    contradicts: float,
 ) -> NDArray[np.int8]:
-    labels = np.zeros(len(points), np.int8)
+    """Labels of the walls `lines`; up to `agrees` and from above `contradicts`, in cells squared, a wall is one."""
+    labels = np.zeros(len(lines), np.int8)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     height, width = occupancy.shape
-    for k in range(len(points)):
-        x = pose[0] + c * points[k, 0] - s * points[k, 1]
-        y = pose[1] + s * points[k, 0] + c * points[k, 1]
+    for k in range(len(lines)):
+        x = pose[0] + c * lines[k, X] - s * lines[k, Y]
+        y = pose[1] + s * lines[k, X] + c * lines[k, Y]
         column = math.floor((x - origin[0]) / resolution)
         row = math.floor((y - origin[1]) / resolution)
         if row < 1 or column < 1 or row >= height - 1 or column >= width - 1:
             continue
-        if distance[row, column] <= tolerance:
-            wall = nearest[row, column]
-            nx, ny = wall_normals[wall, 0], wall_normals[wall, 1]
-            cosine = nx * (c * normals[k, 0] - s * normals[k, 1]) + ny * (s * normals[k, 0] + c * normals[k, 1])
-            same = alike(cosine, straightness[k], wall_straightness[wall], sided[k], wall_sided[wall])
-            labels[k] = 1 if same else 3
-            continue
+        wall = nearest[row, column]
+        far = wall < 0
+        if not far:
+            square = (cells[wall, 0] - row) ** 2 + (cells[wall, 1] - column) ** 2
+            if square <= agrees:
+                nx, ny = c * lines[k, NX] - s * lines[k, NY], s * lines[k, NX] + c * lines[k, NY]
+                same = alike(
+                    nx * walls[wall, NX] + ny * walls[wall, NY],
+                    lines[k, STRAIGHTNESS],
+                    walls[wall, STRAIGHTNESS],
+                    lines[k, SIDED],
+                    walls[wall, SIDED],
+                )
+                labels[k] = AGREES if same else NEITHER
+                continue
+            far = square > contradicts
         if occupancy[row, column] == -1:
             continue
-        labels[k] = 3
-        if distance[row, column] > contradiction:
-            frontier = False
+        labels[k] = NEITHER
+        if far:
+            open_ = True
             for dy in range(-1, 2):
                 for dx in range(-1, 2):
-                    frontier |= occupancy[row + dy, column + dx] != 0
-            if not frontier:
-                labels[k] = 2
+                    open_ &= occupancy[row + dy, column + dx] == 0
+            if open_:
+                labels[k] = CONTRADICTS
     return labels

@@ -149,5 +149,5 @@ def _agreement(
             inside = (x >= 0) & (y >= 0) & (x < target.occupancy.shape[1]) & (y < target.occupancy.shape[0])
             inside[inside] = target.occupancy[y[inside], x[inside]] != UNKNOWN
             known += int(inside.sum())
-            agreeing += int((target.nearest.distance[y[inside], x[inside]] <= tolerance_m).sum())
+            agreeing += int((target.nearest.distance(y[inside], x[inside]) <= tolerance_m).sum())
     return agreeing / known if known else 0.0

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from common.errors import Unmergeable
 from common.fusion.features import Features, find_features
-from common.fusion.walls import NearestWall, Walls, find_walls, nearest_wall, orientation_histogram
+from common.fusion.nearest import NearestWall, nearest_wall
+from common.fusion.walls import Walls, find_walls, orientation_histogram
 from common.grid.grid import FREE, UNKNOWN, Grid
 
 MARGIN_M = 0.6
@@ -24,6 +25,10 @@ REACH_M = 0.5
 """how far the nearest wall is looked for; no matching step looks farther"""
 MAX_SAMPLES = 1500
 """wall points taken for refining and judging; more add time and no certainty"""
+FIRST_SAMPLES = 300
+"""those of them that a first look takes"""
+PLACE_M = 1.0
+"""squares of the map that sampled walls are ordered by"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +91,19 @@ class MatchMap:
 
     @cached_property
     def sample(self) -> Walls:
-        """Walls spread evenly over the map, at most MAX_SAMPLES, in random order: any first part is spread too."""
+        """Walls spread evenly over the map, at most MAX_SAMPLES; the first FIRST_SAMPLES of them are so too.
+
+        Both parts are ordered by place, so that looking them up in another map touches its memory in turn.
+        """
         n = len(self.walls.points)
-        return self.walls.at(np.random.default_rng(n).permutation(n)[:MAX_SAMPLES])
+        chosen = np.random.default_rng(n).permutation(n)[:MAX_SAMPLES]
+        parts = (chosen[:FIRST_SAMPLES], chosen[FIRST_SAMPLES:])
+        return self.walls.at(np.concatenate([part[self._by_place(part)] for part in parts]))
+
+    def _by_place(self, walls: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The order of the walls with these indices that goes through the map square by square."""
+        rows, columns = self.walls.cells[walls].T // max(1, round(PLACE_M / self.resolution))
+        return np.lexsort((walls, columns, rows))
 
     @cached_property
     def nearest(self) -> NearestWall:

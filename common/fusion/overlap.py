@@ -103,7 +103,18 @@ def _shared(
     count = 0
     for row in range(0, known_b.shape[0], step):
         y = origin_b[1] + (row + 0.5) * resolution_b
-        for column in range(0, known_b.shape[1], step):
+        # of this row only the columns from first to end can fall into a; the test in the loop is exact
+        first, end = 0.0, float(known_b.shape[1])
+        for start, along, size in (
+            (pose[0] - s * y - origin_a[0], c, width * resolution_a),
+            (pose[1] + c * y - origin_a[1], s, height * resolution_a),
+        ):
+            if abs(along) > 1e-9:
+                one, other = -start / along, (size - start) / along
+                first = max(first, (min(one, other) - origin_b[0]) / resolution_b - 1.5)
+                end = min(end, (max(one, other) - origin_b[0]) / resolution_b + 1.5)
+        begin = (math.floor(first) // step) * step if first < end else 0
+        for column in range(begin, math.ceil(end) if first < end else 0, step):
             if known_b[row, column] == -1:
                 continue
             x = origin_b[0] + (column + 0.5) * resolution_b

@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from common.fusion.matchmap import REACH_M, MatchMap
-from common.fusion.walls import Walls, alike
+from common.fusion.walls import NX, NY, SIDED, STRAIGHTNESS, Walls, X, Y, alike
 from common.geometry.se2 import Pose
 
 STEPS = 14
@@ -24,6 +24,10 @@ SIGMA_M = 0.05
 """spread of a wall about its mean in a real map, for the information matrix"""
 SPACING_M = 0.2
 """walls this close bend together: they count as one measurement"""
+
+
+DAMPED, TINY = 1.001, 1e-9
+"""what a Hessian's diagonal is multiplied by, and gets more, so that a step is small where walls hold nothing"""
 
 
 class Refined(NamedTuple):
@@ -51,34 +55,14 @@ def refine_all(a: MatchMap, sample: Walls, poses: NDArray[np.float64], reach_m: 
 
 def _arguments(a: MatchMap, sample: Walls, reach_m: float, steps: int) -> tuple[Any, ...]:
     """What `_refine` takes after the pose that it begins with."""
-    return (
-        sample.points,
-        sample.normals,
-        sample.straightness,
-        sample.sided,
-        a.walls.points,
-        a.walls.normals,
-        a.walls.straightness,
-        a.walls.sided,
-        a.nearest.wall,
-        a.origin,
-        a.resolution,
-        min(reach_m, REACH_M),
-        steps,
-    )
+    return sample.lines, a.walls.lines, a.nearest.wall, a.origin, a.resolution, min(reach_m, REACH_M), steps
 
 
 @njit(cache=True)
 def _refine(
     start: NDArray[np.float64],
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    straightness: NDArray[np.float64],
-    sided: NDArray[np.bool_],
-    wall_points: NDArray[np.float64],
-    wall_normals: NDArray[np.float64],
-    wall_straightness: NDArray[np.float64],
-    wall_sided: NDArray[np.bool_],
+    sample: NDArray[np.float64],
+    walls: NDArray[np.float64],
     nearest: NDArray[np.int32],
     origin: NDArray[np.float64],
     resolution: float,
@@ -86,54 +70,48 @@ def _refine(
     steps: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
     """(pose, unscaled Hessian at it, number of points that found a wall)."""
-    mx, my = points[:, 0].mean(), points[:, 1].mean()
+    mx, my = sample[:, X].mean(), sample[:, Y].mean()
     c, s = math.cos(start[2]), math.sin(start[2])
-    pose = np.array([start[0] + c * mx - s * my, start[1] + s * mx + c * my, start[2]])  # of the points' middle
-    hessian, gradient = np.zeros((3, 3)), np.zeros(3)
+    pose = np.array([start[0] + c * mx - s * my, start[1] + s * mx + c * my, start[2]])  # of the sample's middle
+    hessian = np.zeros((3, 3))
     matched = 0
     for step in range(steps):
-        hessian[:], gradient[:] = 0.0, 0.0
+        hxx, hxy, hxt, hyy, hyt, htt, gx, gy, gt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         matched = 0
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        for k in range(len(points)):
-            px, py = points[k, 0] - mx, points[k, 1] - my
+        x0, y0, c, s = pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2])
+        for k in range(len(sample)):
+            px, py = sample[k, X] - mx, sample[k, Y] - my
             rx, ry = c * px - s * py, s * px + c * py
-            x, y = pose[0] + rx, pose[1] + ry
+            x, y = x0 + rx, y0 + ry
             column = math.floor((x - origin[0]) / resolution)
             row = math.floor((y - origin[1]) / resolution)
             if row < 0 or column < 0 or row >= nearest.shape[0] or column >= nearest.shape[1]:
                 continue
-            wall = nearest[row, column]
-            if wall < 0:
+            if nearest[row, column] < 0:
                 continue
-            ex, ey = x - wall_points[wall, 0], y - wall_points[wall, 1]
+            wall = walls[nearest[row, column]]
+            ex, ey = x - wall[X], y - wall[Y]
             square = (ex * ex + ey * ey) / (reach * reach)
             if square >= 1.0:
                 continue
-            nx, ny = wall_normals[wall, 0], wall_normals[wall, 1]
-            cosine = nx * (c * normals[k, 0] - s * normals[k, 1]) + ny * (s * normals[k, 0] + c * normals[k, 1])
-            if not alike(cosine, straightness[k], wall_straightness[wall], sided[k], wall_sided[wall]):
+            nx, ny = wall[NX], wall[NY]
+            cosine = nx * (c * sample[k, NX] - s * sample[k, NY]) + ny * (s * sample[k, NX] + c * sample[k, NY])
+            if not alike(cosine, sample[k, STRAIGHTNESS], wall[STRAIGHTNESS], sample[k, SIDED], wall[SIDED]):
                 continue
             matched += 1
-            weight = (1.0 - square) * (1.0 - square) * wall_straightness[wall]
+            weight = (1.0 - square) * (1.0 - square) * wall[STRAIGHTNESS]
             residual = nx * ex + ny * ey
-            j2 = ny * rx - nx * ry
-            hessian[0, 0] += weight * nx * nx
-            hessian[0, 1] += weight * nx * ny
-            hessian[0, 2] += weight * nx * j2
-            hessian[1, 1] += weight * ny * ny
-            hessian[1, 2] += weight * ny * j2
-            hessian[2, 2] += weight * j2 * j2
-            gradient[0] += weight * nx * residual
-            gradient[1] += weight * ny * residual
-            gradient[2] += weight * j2 * residual
-        hessian[1, 0], hessian[2, 0], hessian[2, 1] = hessian[0, 1], hessian[0, 2], hessian[1, 2]
+            turning = ny * rx - nx * ry
+            wx, wy, wt = weight * nx, weight * ny, weight * turning
+            hxx, hxy, hxt = hxx + wx * nx, hxy + wx * ny, hxt + wx * turning
+            hyy, hyt, htt = hyy + wy * ny, hyt + wy * turning, htt + wt * turning
+            gx, gy, gt = gx + wx * residual, gy + wy * residual, gt + wt * residual
+        hessian[0, 0], hessian[1, 1], hessian[2, 2] = hxx, hyy, htt
+        hessian[0, 1], hessian[0, 2], hessian[1, 2] = hxy, hxt, hyt
+        hessian[1, 0], hessian[2, 0], hessian[2, 1] = hxy, hxt, hyt
         if matched < 8:
             break
-        damped = hessian.copy()
-        for i in range(3):
-            damped[i, i] += 1e-3 * hessian[i, i] + 1e-9
-        move = np.linalg.solve(damped, gradient)
+        move = _solve(hessian, gx, gy, gt)
         pose -= move
         reach = max(reach * SHRINK, FINAL_REACH_M)
         if step > 4 and reach == FINAL_REACH_M and abs(move[0]) + abs(move[1]) + abs(move[2]) < 1e-5:
@@ -143,6 +121,21 @@ def _refine(
     lever = np.array([[1.0, 0.0, -qy], [0.0, 1.0, qx], [0.0, 0.0, 1.0]])
     theta = (pose[2] + math.pi) % (2 * math.pi) - math.pi
     return np.array([pose[0] - qx, pose[1] - qy, theta]), lever.T @ hessian @ lever, matched
+
+
+@njit(cache=True)
+def _solve(hessian: NDArray[np.float64], gx: float, gy: float, gt: float) -> NDArray[np.float64]:
+    """The (damped) Newton step of a positive 3 x 3 Hessian, by its Cholesky factor."""
+    a = math.sqrt(hessian[0, 0] * DAMPED + TINY)
+    b, c = hessian[0, 1] / a, hessian[0, 2] / a
+    d = math.sqrt(hessian[1, 1] * DAMPED + TINY - b * b)
+    e = (hessian[1, 2] - b * c) / d
+    f = math.sqrt(hessian[2, 2] * DAMPED + TINY - c * c - e * e)
+    u = gx / a
+    v = (gy - b * u) / d
+    w = (gt - c * u - e * v) / f / f
+    v = (v - e * w) / d
+    return np.array([(u - b * v - c * w) / a, v, w])
 
 
 @njit(cache=True)

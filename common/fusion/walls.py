@@ -1,4 +1,4 @@
-"""Walls of an occupancy raster: sub-cell points, normals, how straight the wall is there, and the nearest wall.
+"""Walls of an occupancy raster: sub-cell points, normals, and how straight the wall is there.
 
 A wall's line near a cell is the principal axis of the wall cells around it: their mean gives the line's place to a
 fraction of a cell, their spread its direction (period 180 degrees) and its straightness.
@@ -25,43 +25,41 @@ SAME_WAY = 0.7
 """least cosine between the normals of one wall in two maps"""
 STRAIGHT = 0.5
 """below this straightness a wall is a corner or a dot and may match any direction"""
-FAR_M = np.float32(1e3)
-BLOCK = 64
-"""columns that the nearest walls are found for at once"""
+X, Y, NX, NY, STRAIGHTNESS, SIDED = range(6)
+"""columns of `Walls.lines`"""
 
 
 class Walls(NamedTuple):
-    """Wall cells, row by row from the lowest."""
+    """Wall cells and the lines of the walls there."""
 
     cells: NDArray[np.int64]
     """(n, 2) row, column in the raster"""
-    points: NDArray[np.float64]
-    """(n, 2) m in the map frame, on the wall's middle line"""
-    normals: NDArray[np.float64]
-    """(n, 2) unit vectors across the wall, towards the side that is free (or freer)"""
-    straightness: NDArray[np.float64]
-    """(n,) 0 a dot or a crossing, 1 a straight wall"""
-    sided: NDArray[np.bool_]
-    """(n,) whether only that side is free: the wall has been seen from there alone"""
+    lines: NDArray[np.float64]
+    """(n, 6) x, y, normal's x and y, straightness, sided: what is asked for together lies together"""
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """(n, 2) m in the map frame, on the wall's middle line."""
+        return self.lines[:, X : Y + 1]
+
+    @property
+    def normals(self) -> NDArray[np.float64]:
+        """(n, 2) unit vectors across the wall, towards the side that is free (or freer)."""
+        return self.lines[:, NX : NY + 1]
+
+    @property
+    def straightness(self) -> NDArray[np.float64]:
+        """(n,) 0 a dot or a crossing, 1 a straight wall."""
+        return self.lines[:, STRAIGHTNESS]
+
+    @property
+    def sided(self) -> NDArray[np.bool_]:
+        """(n,) whether only that side is free: the wall has been seen from there alone."""
+        return self.lines[:, SIDED] > 0
 
     def at(self, indices: NDArray[np.int64]) -> Walls:
         """Some of the walls."""
-        return Walls(
-            self.cells[indices],
-            self.points[indices],
-            self.normals[indices],
-            self.straightness[indices],
-            self.sided[indices],
-        )
-
-
-class NearestWall(NamedTuple):
-    """The nearest wall of every cell of the raster, as far as was looked."""
-
-    distance: NDArray[np.float32]
-    """(h, w) m from the cell's centre to that of the nearest wall cell; FAR_M when there is none in reach"""
-    wall: NDArray[np.int32]
-    """(h, w) index of that wall in `Walls`, -1 when there is none in reach"""
+        return Walls(self.cells[indices], self.lines[indices])
 
 
 def find_walls(raster: NDArray[np.int8], origin_m: NDArray[np.float64], resolution: float) -> Walls:
@@ -69,14 +67,9 @@ def find_walls(raster: NDArray[np.int8], origin_m: NDArray[np.float64], resoluti
     places = np.flatnonzero(raster == OCCUPIED)
     cells = np.stack([places // raster.shape[1], places % raster.shape[1]], axis=1)
     reach = max(round(WINDOW_M / resolution), 2)
-    offsets, normals, straightness, sided = _lines(np.pad(raster, reach, constant_values=UNKNOWN), cells, reach)
-    centres = origin_m + (cells[:, ::-1] + 0.5) * resolution
-    return Walls(cells, centres + offsets * resolution, normals, straightness, sided)
-
-
-def nearest_wall(shape: tuple[int, ...], cells: NDArray[np.int64], resolution: float, reach_m: float) -> NearestWall:
-    """The nearest of the walls `cells` (n, 2) for every cell of a raster, exact up to `reach_m`."""
-    return NearestWall(*_nearest(shape[0], shape[1], cells, math.ceil(reach_m / resolution), resolution))
+    lines = _lines(np.pad(raster, reach, constant_values=UNKNOWN), cells, reach)
+    lines[:, X : Y + 1] = origin_m + (cells[:, ::-1] + 0.5) * resolution + lines[:, X : Y + 1] * resolution
+    return Walls(cells, lines)
 
 
 def orientation_histogram(walls: Walls) -> NDArray[np.float64]:
@@ -87,62 +80,62 @@ def orientation_histogram(walls: Walls) -> NDArray[np.float64]:
 
 
 @njit(cache=True)
-def alike(cosine: float, straight_a: float, straight_b: float, sided_a: bool, sided_b: bool) -> bool:
-    """Whether two walls can be one: they run the same way, and face the same way if each was seen from one side."""
+def alike(cosine: float, straight_a: float, straight_b: float, sided_a: float, sided_b: float) -> bool:
+    """Whether two walls, `cosine` between their normals, can be one.
+
+    They run the same way, and face the same way if each was seen from one side. (Numbers, not rows of `lines`: handing
+    over rows costs more than all the rest.)
+    """
     if straight_a < STRAIGHT or straight_b < STRAIGHT:
         return True
-    if sided_a and sided_b:
-        return cosine > SAME_WAY
-    return abs(cosine) > SAME_WAY
+    return cosine > SAME_WAY if sided_a > 0.0 and sided_b > 0.0 else abs(cosine) > SAME_WAY
 
 
 @njit(cache=True)
-def _lines(
-    raster: NDArray[np.int8], cells: NDArray[np.int64], reach: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """(offsets (n, 2) cells to the line, normals (n, 2), straightness, sided); `raster` is padded by `reach`.
+def _lines(raster: NDArray[np.int8], cells: NDArray[np.int64], reach: int) -> NDArray[np.float64]:
+    """`Walls.lines` but for x and y, which are cells to the line; `raster` is padded by `reach`.
 
     Cells come row by row, so that those of one row within reach are a run of `cells`, which only moves on.
     """
     n = len(cells)
-    offsets, normals, straightness, sided = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n), np.zeros(n, np.bool_)
+    lines = np.zeros((n, 6))
     begins = np.searchsorted(cells[:, 0], np.arange(raster.shape[0] + 1) - reach)
     free = _free_before(raster)
     run = np.zeros(2 * reach + 1, np.int64)
+    spans = np.floor(np.sqrt(reach**2 - np.arange(-reach, reach + 1) ** 2)).astype(np.int64)
     for k in range(n):
         row, column = cells[k, 0] + reach, cells[k, 1] + reach
         if k == 0 or cells[k - 1, 0] != cells[k, 0]:
             run[:] = begins[row - reach : row + reach + 1]
-        count, sx, sy, sxx, syy, sxy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        count, sx, sy, sxx, syy, sxy = 0, 0, 0, 0, 0, 0
         for dy in range(-reach, reach + 1):
-            span = math.floor(math.sqrt(reach * reach - dy * dy))
-            last = begins[row + dy + 1]
+            span, last = spans[dy + reach], begins[row + dy + 1]
             i = run[dy + reach]
             while i < last and cells[i, 1] < cells[k, 1] - reach:
                 i += 1
             run[dy + reach] = i
+            inside, along, squares = 0, 0, 0
             while i < last and cells[i, 1] <= cells[k, 1] + span:
                 dx = cells[i, 1] - cells[k, 1]
                 i += 1
                 if dx >= -span:
-                    count += 1.0
-                    sx, sy = sx + dx, sy + dy
-                    sxx, syy, sxy = sxx + dx * dx, syy + dy * dy, sxy + dx * dy
+                    inside, along, squares = inside + 1, along + dx, squares + dx * dx
+            count, sx, sy = count + inside, sx + along, sy + dy * inside
+            sxx, syy, sxy = sxx + squares, syy + dy * dy * inside, sxy + dy * along
         mx, my = sx / count, sy / count
         vxx, vyy, vxy = sxx / count - mx * mx, syy / count - my * my, sxy / count - mx * my
         across = 0.5 * math.atan2(2.0 * vxy, vxx - vyy) + 0.5 * math.pi
         nx, ny = math.cos(across), math.sin(across)
         shift = min(max(nx * mx + ny * my, -1.0), 1.0)
-        offsets[k, 0], offsets[k, 1] = shift * nx, shift * ny
+        lines[k, X], lines[k, Y] = shift * nx, shift * ny
         front, back = _free_sides(free, row, column, reach, nx, ny)
         if back > front:
             front, back, nx, ny = back, front, -nx, -ny
-        sided[k] = back < ONE_SIDED * front
-        normals[k, 0], normals[k, 1] = nx, ny
+        lines[k, NX], lines[k, NY], lines[k, SIDED] = nx, ny, 1.0 if back < ONE_SIDED * front else 0.0
         spread = vxx + vyy
         if spread > 0.0:
-            straightness[k] = math.sqrt((vxx - vyy) ** 2 + 4.0 * vxy * vxy) / spread
-    return offsets, normals, straightness, sided
+            lines[k, STRAIGHTNESS] = math.sqrt((vxx - vyy) ** 2 + 4.0 * vxy * vxy) / spread
+    return lines
 
 
 @njit(cache=True)
@@ -161,71 +154,20 @@ def _free_before(raster: NDArray[np.int8]) -> NDArray[np.int32]:
 @njit(cache=True)
 def _free_sides(free: NDArray[np.int32], row: int, column: int, reach: int, nx: float, ny: float) -> tuple[int, int]:
     """Free cells more than one cell before and behind the line through a cell with the normal (nx, ny)."""
-    front, back = 0, 0
+    front, back, left, width = 0, 0, column - reach, 2 * reach + 1
+    if abs(nx) < 1e-9:
+        for dy in range(-reach, reach + 1):
+            count = free[row + dy, left + width] - free[row + dy, left]
+            front += count if ny * dy > 1.0 else 0
+            back += count if ny * dy < -1.0 else 0
+        return front, back
+    # cells whose nx dx + ny dy is > 1 or < -1: those right of one column and left of another
+    side = 1.0 if nx > 0.0 else -1.0
     for dy in range(-reach, reach + 1):
-        along = free[row + dy, column - reach : column + reach + 2]
-        t = ny * dy
-        if abs(nx) < 1e-9:
-            all_ = along[2 * reach + 1] - along[0]
-            front += all_ if t > 1.0 else 0
-            back += all_ if t < -1.0 else 0
-            continue
-        # cells whose nx dx + t is > 1 or < -1: those right of one column and left of the other, or the reverse
-        rightwards, leftwards = (1.0 - t) / nx, (-1.0 - t) / nx
-        if nx < 0.0:
-            rightwards, leftwards = leftwards, rightwards
-        first = min(max(math.floor(rightwards) + 1 + reach, 0), 2 * reach + 1)
-        end = min(max(math.ceil(leftwards) + reach, 0), 2 * reach + 1)
-        right, left = along[2 * reach + 1] - along[first], along[end] - along[0]
-        if nx > 0.0:
-            front, back = front + right, back + left
-        else:
-            front, back = front + left, back + right
+        first = min(max(math.floor((side - ny * dy) / nx) + 1 + reach, 0), width)
+        end = min(max(math.ceil((-side - ny * dy) / nx) + reach, 0), width)
+        front += free[row + dy, left + width] - free[row + dy, left + first]
+        back += free[row + dy, left + end] - free[row + dy, left]
+    if nx < 0.0:
+        front, back = back, front
     return front, back
-
-
-@njit(cache=True)
-def _nearest(
-    height: int, width: int, cells: NDArray[np.int64], reach: int, resolution: float
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """(distance in m, index) of the nearest wall within reach, of equals the first.
-
-    First along each row, then over the rows in reach, BLOCK columns side by side, and only where walls are near. There
-    a cell's key is the squared distance and, below that, which row it came from: the least key is the nearest, first.
-    """
-    far, rows = np.int32(1 << 29), 2 * reach + 1
-    blocks = -(-width // BLOCK)
-    keys, wall = np.empty((height, blocks * BLOCK), np.int32), np.empty((height, blocks * BLOCK), np.int32)
-    filled = np.zeros((height, blocks), np.bool_)
-    for k in range(len(cells)):
-        row, column = cells[k, 0], cells[k, 1]
-        first, end = max(0, column - reach), min(width, column + reach + 1)
-        for block in range(first // BLOCK, (end - 1) // BLOCK + 1):
-            if not filled[row, block]:
-                filled[row, block] = True
-                keys[row, block * BLOCK : (block + 1) * BLOCK] = far
-        for x in range(first, end):
-            key = np.int32((x - column) * (x - column) * rows)
-            if key < keys[row, x]:
-                keys[row, x], wall[row, x] = key, k
-    distance, nearest = np.full((height, width), FAR_M), np.full((height, width), np.int32(-1))
-    lengths = np.sqrt(np.arange(reach * reach + 1).astype(np.float32)) * np.float32(resolution)
-    best = np.empty(BLOCK, np.int32)
-    for y in range(height):
-        for block in range(blocks):
-            begin, near = block * BLOCK, False
-            for row in range(max(0, y - reach), min(height, y + reach + 1)):
-                if filled[row, block]:
-                    if not near:
-                        near = True
-                        best[:] = far
-                    down = np.int32((row - y) * (row - y) * rows + row - y + reach)
-                    for x in range(BLOCK):
-                        best[x] = min(best[x], keys[row, begin + x] + down)
-            if near:
-                for x in range(min(BLOCK, width - begin)):
-                    square, row = best[x] // rows, y - reach + best[x] % rows
-                    if square <= reach * reach:
-                        distance[y, begin + x] = lengths[square]
-                        nearest[y, begin + x] = wall[row, begin + x]
-    return distance, nearest

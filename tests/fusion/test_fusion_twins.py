@@ -12,7 +12,7 @@ from common.fusion.hypotheses import APART_M, APART_RAD, distinct
 from common.fusion.matchmap import REACH_M, MatchMap
 from common.fusion.refine import refine, refine_all
 from common.fusion.settings import FusionSettings
-from common.fusion.walls import FAR_M, STRAIGHT, _free_before, _free_sides
+from common.fusion.walls import STRAIGHT, _free_before, _free_sides
 from common.geometry import apply, between, compose, wrap
 
 HOME, AWAY = np.array([3.0, 2.0, 0.3]), np.array([-4.0, 7.0, 2.0])
@@ -24,16 +24,21 @@ def pair() -> tuple[MatchMap, MatchMap, np.ndarray]:
     return mapped(world, HOME, (0, 11)), mapped(world, AWAY, (5, 16), seed=2), between(HOME, AWAY)
 
 
+def distance(map_: MatchMap, row: int, column: int) -> float:
+    """From a cell's centre to that of the nearest wall cell, m."""
+    return float(map_.nearest.distance(np.array([row]), np.array([column]))[0])
+
+
 def test_the_nearest_wall_is_the_nearest_wall(pair) -> None:
     a = pair[0]
     rng = np.random.default_rng(0)
     for row, column in rng.integers(0, a.occupancy.shape, (300, 2)):
         gaps = np.linalg.norm(a.walls.cells - (row, column), axis=1) * a.resolution
         if gaps.min() <= REACH_M:
-            assert a.nearest.distance[row, column] == pytest.approx(gaps.min(), abs=1e-5)
-            assert gaps[a.nearest.wall[row, column]] == pytest.approx(gaps.min(), abs=1e-9)
+            assert distance(a, row, column) == pytest.approx(gaps.min(), abs=1e-9)
+            assert a.nearest.wall[row, column] == gaps.argmin()
         else:
-            assert a.nearest.distance[row, column] == FAR_M
+            assert distance(a, row, column) == np.inf
 
 
 def test_matches_are_those_well_below_the_second_best_in_either_direction() -> None:
@@ -124,7 +129,7 @@ def plain_labels(target: MatchMap, walls, pose: np.ndarray, settings: FusionSett
     for k, (column, row) in enumerate(np.floor((points - target.origin) / target.resolution).astype(int)):
         if not (0 < row < target.occupancy.shape[0] - 1 and 0 < column < target.occupancy.shape[1] - 1):
             continue
-        gap, wall = target.nearest.distance[row, column], target.nearest.wall[row, column]
+        gap, wall = distance(target, row, column), target.nearest.wall[row, column]
         if gap <= settings.tolerance_m:
             cosine = normals[k] @ target.walls.normals[wall]
             if min(walls.straightness[k], target.walls.straightness[wall]) >= STRAIGHT:
