@@ -102,6 +102,24 @@ def test_the_map_is_the_same_however_often_the_best_particle_changed() -> None:
     assert chart.grid.digest() == twin.grid.digest()
 
 
+def test_a_map_that_moves_few_scans_a_time_moves_the_latest_and_arrives() -> None:
+    tree, chart = ParticleTree(), ParticleChart(0.05)
+    rng = np.random.default_rng(5)
+    for _ in range(10):
+        points = rng.normal(0, 1, (20, 2)).astype(np.float32)
+        tree.append(Generation(rng.normal(0, 2, (PARTICLES, 3)), np.arange(PARTICLES), points, NO_POINTS, np.zeros(2)))
+    chart.follow(tree, 0)
+    moved = []
+    for _ in range(4):
+        chart.follow(tree, 1, most=3)
+        moved.append((np.array(chart.drawn) == tree.branch(1)).all(axis=1).tolist())
+    assert [sum(rows) for rows in moved] == [3, 6, 9, 10]
+    assert moved[0] == [False] * 7 + [True] * 3
+    twin = ParticleChart(0.05)
+    twin.follow(tree, 1)
+    assert chart.grid.digest() == twin.grid.digest()
+
+
 def test_tiles_that_do_not_differ_keep_their_version() -> None:
     tree, chart = ParticleTree(), ParticleChart(0.05)
     for x in (0.0, 20.0):

@@ -29,6 +29,9 @@ from services.edge_worker.slam.patch_map import PatchMap
 from services.edge_worker.slam.resampling import effective, normalised, systematic
 from services.edge_worker.slam.scan import NO_POINTS, Scan, ScanReader
 
+MOVES = 20
+"""scans that are drawn elsewhere when the map is asked for: each takes half a millisecond, and the robot waits"""
+
 
 class GMapping:
     """One robot's particle filter."""
@@ -80,11 +83,12 @@ class GMapping:
         return Estimate(compose(self.poses[self.best], self.since), matched)
 
     def finish(self) -> None:
-        """Nothing is pending in a filter."""
+        """Nothing is pending in a filter; the map is made the best particle's throughout."""
+        self.chart.follow(self.tree, self.best)
 
     def map(self) -> Grid:
-        """The best particle's map, ray traced."""
-        self.chart.follow(self.tree, self.best)
+        """The best particle's map, ray traced; after another one became best, older scans follow in later calls."""
+        self.chart.follow(self.tree, self.best, MOVES)
         return self.chart.grid
 
     def trajectory(self) -> NDArray[np.float64]:

@@ -2,10 +2,13 @@
 
 While the ancestry stays, only new scans are drawn. When another lineage becomes best, the scans since the common
 ancestor are taken away and drawn where that lineage has them: counts are sums, so this gives the same map as drawing
-all anew, at the cost of the branch alone.
+all anew, at the cost of the branch alone. That may be hundreds of scans, and the robot waits for its pose meanwhile: so
+a map that is asked for on the way moves the latest few of them and leaves the rest to the next time.
 """
 
 from __future__ import annotations
+
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +27,19 @@ class ParticleChart:
         self.drawn: list[Pose] = []
         """where the tree's first unsettled generations are drawn"""
 
-    def follow(self, tree: ParticleTree, particle: int) -> None:
-        """Draw the lineage of this particle and bring the grid up to date."""
+    def follow(self, tree: ParticleTree, particle: int, most: int | None = None) -> None:
+        """Draw the lineage of this particle and bring the grid up to date.
+
+        New scans are all drawn; of those drawn elsewhere, the latest `most` are moved.
+        """
         branch = tree.branch(particle)
-        for row, (pose, generation) in enumerate(zip(branch, tree.branches, strict=True)):
-            if row < len(self.drawn):
-                self._move(row, pose, generation)
-            else:
-                self._draw(pose, generation, 1)
-                self.drawn.append(pose)
+        known = len(self.drawn)
+        elsewhere = np.flatnonzero((np.array(self.drawn).reshape(-1, 3) != branch[:known]).any(axis=1))
+        for row in elsewhere[max(0, len(elsewhere) - most) if most is not None else 0 :]:
+            self._move(row, branch[row], tree.branches[row])
+        for pose, generation in zip(branch[known:], islice(tree.branches, known, None), strict=True):
+            self._draw(pose, generation, 1)
+            self.drawn.append(pose)
         self.canvas.publish(self.grid)
 
     def settle(self, fixed: list[tuple[Pose, Generation]]) -> None:
