@@ -49,7 +49,7 @@ class SlamHost:
         from services.edge_worker.slam.warmup import warmup
 
         create(kernel, {})
-        warmup()
+        warmup(kernel)
 
     def open(self, robot: str, life: int, kernel: str, settings: dict[str, Any], seed: int) -> None:
         """A fresh instance; an older one of this robot is forgotten. `life` tells its map from any other's."""

@@ -105,7 +105,7 @@ class ParticleMatcher:
         particle: int,
     ) -> NDArray[np.float64]:
         s = self.settings
-        coarse = cells[:: -(-len(cells) // SEARCH_POINTS)]
+        coarse = np.ascontiguousarray(cells[:: -(-len(cells) // SEARCH_POINTS)])
         lever = float(np.sqrt(np.square(coarse).sum(axis=1).mean()))
         turn = float(np.clip(1.0 / max(lever, 1.0), FINEST_TURN_RAD, s.step_rad))
         window = int(np.ceil(min(WIDE * doubt.metres, s.search_m) / s.resolution_m))
