@@ -12,14 +12,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from common.fusion.evidence import AGREES, CONTRADICTS, OUTSIDE, Evidence, classify, tally
+from common.fusion.evidence import AGREES, CONTRADICTS, OUTSIDE, Evidence, classify_lines, tally, target
 from common.fusion.matchmap import MatchMap
-from common.fusion.refine import refine
+from common.fusion.refine import refine_lines
 from common.fusion.settings import FusionSettings
-from common.fusion.walls import Walls
-from common.geometry.se2 import apply, inverse, wrap
+from common.geometry.se2 import apply, inverse
 
 PATCH_M = 3.0
 AROUND_M = 3.5
@@ -50,53 +50,31 @@ class Bend(NamedTuple):
 
     def nearest(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """The patch (m,) that each point (m, 2) of b's frame belongs to."""
-        squares = ((points[:, None, :] - self.middles[None, :, :]) ** 2).sum(axis=2)
-        return np.asarray(squares.argmin(axis=1), np.int64)
+        return np.asarray(_closest(np.ascontiguousarray(points), self.middles))
 
 
 def bend(a: MatchMap, b: MatchMap, pose: NDArray[np.float64], settings: FusionSettings) -> Bend:
     """Carry `pose`, the pose of b's frame in a's, from the patches where it fits to all others."""
-    cells = np.floor(b.sample.points / PATCH_M).astype(np.int64)
-    places, owner = np.unique(cells, axis=0, return_inverse=True)
-    owner = owner.ravel()
-    middles = np.array([b.sample.points[owner == k].mean(axis=0) for k in range(len(places))])
-    squares = ((b.sample.points[None] - middles[:, None]) ** 2).sum(axis=2)
-    around = [b.sample.at(np.flatnonzero(row < AROUND_M**2)) for row in squares]
+    points = np.ascontiguousarray(b.sample.points)
+    places, owner = np.unique(np.floor(points / PATCH_M).astype(np.int64), axis=0, return_inverse=True)
+    middles = _means(points, owner.ravel(), len(places))
     index = {(int(x), int(y)): k for k, (x, y) in enumerate(places)}
-
-    poses, settled = np.tile(pose, (len(places), 1)), np.zeros(len(places), np.bool_)
-    shares, walls = np.array([_fit(a, each, pose, settings) for each in around]).T
-    rooted = np.flatnonzero((shares >= ROOTED) & (walls >= MIN_WALLS))
-    queue = [(-float(shares[k]), int(k), tuple(pose)) for k in rooted]
-    heapq.heapify(queue)
-    while queue:
-        _, k, start = heapq.heappop(queue)
-        if settled[k]:
-            continue
-        settled[k] = True
-        poses[k] = _step(a, around[k], middles[k], pose, np.array(start), settings)
-        x, y = places[k]
-        for near in (index.get((x + dx, y + dy)) for dy in (-1, 0, 1) for dx in (-1, 0, 1)):
-            if near is not None and not settled[near]:
-                share, walls[near] = _fit(a, around[near], poses[k], settings)
-                heapq.heappush(queue, (-share, near, tuple(poses[k])))
+    near = [[index.get((x + dx, y + dy), -1) for dy in (-1, 0, 1) for dx in (-1, 0, 1)] for x, y in places.tolist()]
+    start, limits = np.asarray(pose, np.float64), (settings.max_bend_m, settings.max_bend_rad)
+    surroundings = _around(points, middles)
+    poses, walls = _carry(start, limits, middles, np.array(near), surroundings, b.sample.lines, *target(a, settings))
     return Bend(middles, poses, walls)
 
 
 def weigh_bent(a: MatchMap, b: MatchMap, bent: Bend, settings: FusionSettings) -> Evidence:
     """The evidence about a bent placement; as `weigh` gives it about a rigid one."""
     rigid = bent.poses[int(bent.walls.argmax())]
-    in_a = np.zeros(len(b.sample.points), np.int8)
-    in_b = np.zeros(len(a.sample.points), np.int8)
-    brought = np.empty_like(b.sample.points)
     patch_b = bent.nearest(b.sample.points)
     patch_a = bent.nearest(apply(inverse(rigid), a.sample.points))
-    for k, pose in enumerate(bent.poses):
-        mine, theirs = np.flatnonzero(patch_b == k), np.flatnonzero(patch_a == k)
-        in_a[mine] = classify(a, b.sample.at(mine), pose, settings)
-        in_b[theirs] = classify(b, a.sample.at(theirs), inverse(pose), settings)
-        brought[mine] = apply(pose, b.sample.points[mine])
-    return tally(a, b, in_a, in_b, brought[in_a == CONTRADICTS], rigid)
+    in_a = _classify_each(patch_b, bent.poses, b.sample.lines, *target(a, settings))
+    in_b = _classify_each(patch_a, inverse(bent.poses), a.sample.lines, *target(b, settings))
+    clashing = [apply(bent.poses[patch_b[k]], b.sample.points[k : k + 1]) for k in np.flatnonzero(in_a == CONTRADICTS)]
+    return tally(a, b, in_a, in_b, np.concatenate([np.zeros((0, 2)), *clashing]), rigid)
 
 
 def loosened(
@@ -120,34 +98,136 @@ def loosened(
     return np.asarray(np.linalg.inv(np.linalg.inv(information + 1e-9 * np.eye(3)) + bending))
 
 
-def _fit(a: MatchMap, around: Walls, pose: NDArray[np.float64], settings: FusionSettings) -> tuple[float, int]:
-    """(share of walls that agree, number of walls) of those that lie where a is known."""
-    labels = classify(a, around, pose, settings)
-    known = int((labels != OUTSIDE).sum())
-    return (float((labels == AGREES).sum()) / known if known else 0.0), known
-
-
-def _step(
-    a: MatchMap,
-    around: Walls,
-    middle: NDArray[np.float64],
-    rigid: NDArray[np.float64],
-    start: NDArray[np.float64],
-    settings: FusionSettings,
-) -> NDArray[np.float64]:
-    """The placement of a patch, refined from its neighbour's; the neighbour's when refining leads too far."""
-    if len(around.points) < MIN_WALLS:
-        return start
-    found = refine(a, around, start, REACH_M, STEPS)
-    step, total = _gap(found.pose, start, middle), _gap(found.pose, rigid, middle)
-    small = math.hypot(step[0], step[1]) <= STEP_M and abs(step[2]) <= STEP_RAD
-    bounded = math.hypot(total[0], total[1]) <= settings.max_bend_m and abs(total[2]) <= settings.max_bend_rad
-    return found.pose if small and bounded else start
+def _means(points: NDArray[np.float64], owner: NDArray[np.int64], count: int) -> NDArray[np.float64]:
+    """(count, 2) mean of each owner's points."""
+    sums = np.stack([np.bincount(owner, weights, count) for weights in points.T], axis=1)
+    return np.asarray(sums / np.bincount(owner, minlength=count)[:, None])
 
 
 def _gap(pose: NDArray[np.float64], other: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3,) how far two poses move the point `middle` of their frame apart, in the target's axes."""
-    x, y = middle
+    return np.array(_moved(pose, other, middle[0], middle[1]))
+
+
+@njit(cache=True)
+def _moved(pose: NDArray[np.float64], other: NDArray[np.float64], x: float, y: float) -> tuple[float, float, float]:
     c, s = math.cos(pose[2]) - math.cos(other[2]), math.sin(pose[2]) - math.sin(other[2])
-    away = pose - other
-    return np.array([away[0] + c * x - s * y, away[1] + s * x + c * y, float(wrap(away[2]))])
+    turn = (pose[2] - other[2] + math.pi) % (2 * math.pi) - math.pi
+    return pose[0] - other[0] + c * x - s * y, pose[1] - other[1] + s * x + c * y, turn
+
+
+@njit(cache=True)
+def _closest(points: NDArray[np.float64], middles: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(n,) index of the middle that is nearest to each point."""
+    found = np.zeros(len(points), np.int64)
+    for k in range(len(points)):
+        least = math.inf
+        for m in range(len(middles)):
+            square = (points[k, 0] - middles[m, 0]) ** 2 + (points[k, 1] - middles[m, 1]) ** 2
+            if square < least:
+                least, found[k] = square, m
+    return found
+
+
+@njit(cache=True)
+def _around(points: NDArray[np.float64], middles: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(indices, ends): points of the surroundings of each middle, one after the other, and where each one's end."""
+    indices, ends, count = np.empty(len(points) * len(middles), np.int64), np.zeros(len(middles) + 1, np.int64), 0
+    for m in range(len(middles)):
+        for k in range(len(points)):
+            square = (points[k, 0] - middles[m, 0]) ** 2 + (points[k, 1] - middles[m, 1]) ** 2
+            if square < AROUND_M * AROUND_M:
+                indices[count] = k
+                count += 1
+        ends[m + 1] = count
+    return indices[:count], ends
+
+
+@njit(cache=True)
+def _carry(
+    rigid: NDArray[np.float64],
+    limits: tuple[float, float],
+    middles: NDArray[np.float64],
+    near: NDArray[np.int64],
+    surroundings: tuple[NDArray[np.int64], NDArray[np.int64]],
+    lines: NDArray[np.float64],
+    walls: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    nearest: NDArray[np.int32],
+    occupancy: NDArray[np.int8],
+    origin: NDArray[np.float64],
+    resolution: float,
+    agrees: float,
+    contradicts: float,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """(poses (n, 3), known walls (n,)) of the patches, those settled first that fit best where they are put."""
+    count, (indices, ends) = len(middles), surroundings
+    poses, known, settled = np.empty((count, 3)), np.zeros(count, np.int64), np.zeros(count, np.bool_)
+    queue = [(0.0, 0, 0.0, 0.0, 0.0) for _ in range(0)]
+    for k in range(count):
+        poses[k] = rigid
+        around = lines[indices[ends[k] : ends[k + 1]]]
+        labels = classify_lines(
+            rigid, around, walls, cells, nearest, occupancy, origin, resolution, agrees, contradicts
+        )
+        share, known[k] = _share(labels)
+        if share >= ROOTED and known[k] >= MIN_WALLS:
+            heapq.heappush(queue, (-share, k, rigid[0], rigid[1], rigid[2]))
+    while len(queue):
+        _, k, x, y, theta = heapq.heappop(queue)
+        if settled[k]:
+            continue
+        settled[k] = True
+        start, around = np.array([x, y, theta]), lines[indices[ends[k] : ends[k + 1]]]
+        poses[k] = start
+        if len(around) >= MIN_WALLS:
+            found, _, _ = refine_lines(start, around, walls, nearest, origin, resolution, REACH_M, STEPS)
+            step = _moved(found, start, middles[k, 0], middles[k, 1])
+            total = _moved(found, rigid, middles[k, 0], middles[k, 1])
+            small = math.hypot(step[0], step[1]) <= STEP_M and abs(step[2]) <= STEP_RAD
+            if small and math.hypot(total[0], total[1]) <= limits[0] and abs(total[2]) <= limits[1]:
+                poses[k] = found
+        at = poses[k].copy()
+        for other in near[k]:
+            if other >= 0 and not settled[other]:
+                around = lines[indices[ends[other] : ends[other + 1]]]
+                labels = classify_lines(
+                    at, around, walls, cells, nearest, occupancy, origin, resolution, agrees, contradicts
+                )
+                share, known[other] = _share(labels)
+                heapq.heappush(queue, (-share, other, at[0], at[1], at[2]))
+    return poses, known
+
+
+@njit(cache=True)
+def _share(labels: NDArray[np.int8]) -> tuple[float, int]:
+    """(share that agree, number) of the walls that lie where the other map is known."""
+    agreeing, known = 0, 0
+    for label in labels:
+        agreeing += label == AGREES
+        known += label != OUTSIDE
+    return (agreeing / known if known else 0.0), known
+
+
+@njit(cache=True)
+def _classify_each(
+    patch: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    lines: NDArray[np.float64],
+    walls: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    nearest: NDArray[np.int32],
+    occupancy: NDArray[np.int8],
+    origin: NDArray[np.float64],
+    resolution: float,
+    agrees: float,
+    contradicts: float,
+) -> NDArray[np.int8]:
+    """Labels of walls each of which lies at the pose of its patch."""
+    labels = np.zeros(len(lines), np.int8)
+    for k in range(len(poses)):
+        mine = np.flatnonzero(patch == k)
+        labels[mine] = classify_lines(
+            poses[k], lines[mine], walls, cells, nearest, occupancy, origin, resolution, agrees, contradicts
+        )
+    return labels

@@ -8,7 +8,7 @@ scattered (clutter, people, a bent map); those of a wrong one join into blobs as
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -82,19 +82,22 @@ def tally(
     )
 
 
-def classify(target: MatchMap, sample: Walls, pose: NDArray[np.float64], settings: FusionSettings) -> NDArray[np.int8]:
-    """OUTSIDE, AGREES, CONTRADICTS or NEITHER for each wall of a sample when its map lies at `pose` in the target."""
-    return _classify(
-        np.asarray(pose, np.float64),
-        sample.lines,
-        target.walls.lines,
-        target.walls.cells,
-        target.nearest.wall,
-        target.occupancy,
-        target.origin,
-        target.resolution,
-        (settings.tolerance_m / target.resolution) ** 2 + SLACK,
-        (settings.contradiction_m / target.resolution) ** 2 + SLACK,
+def classify(into: MatchMap, sample: Walls, pose: NDArray[np.float64], settings: FusionSettings) -> NDArray[np.int8]:
+    """OUTSIDE, AGREES, CONTRADICTS or NEITHER for each wall of a sample when its map lies at `pose` in `into`."""
+    return np.asarray(classify_lines(np.asarray(pose, np.float64), sample.lines, *target(into, settings)))
+
+
+def target(into: MatchMap, settings: FusionSettings) -> tuple[Any, ...]:
+    """What `classify_lines` takes after the walls to classify."""
+    return (
+        into.walls.lines,
+        into.walls.cells,
+        into.nearest.wall,
+        into.occupancy,
+        into.origin,
+        into.resolution,
+        (settings.tolerance_m / into.resolution) ** 2 + SLACK,
+        (settings.contradiction_m / into.resolution) ** 2 + SLACK,
     )
 
 
@@ -136,7 +139,7 @@ def _clashing(labels: NDArray[np.int8], lines: NDArray[np.float64], pose: NDArra
 
 
 @njit(cache=True)
-def _classify(
+def classify_lines(
     pose: NDArray[np.float64],
     lines: NDArray[np.float64],
     walls: NDArray[np.float64],

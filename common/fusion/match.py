@@ -84,9 +84,10 @@ def match(
     if hypotheses and judge_alone(hypotheses[0], settings)[0] == "merged":
         hypotheses += slides(a, b, hypotheses[0], settings)
     kind, reason = decide(hypotheses, settings)
+    shared = overlap(a, b, hypotheses[0].pose) if hypotheses else 0.0
     if kind == "merged":
-        kind, reason = _doubted(a, b, hypotheses[0], settings) or (kind, reason)
-    return _result(kind, reason, hypotheses, a, b, settings)
+        kind, reason = _doubted(a, b, hypotheses[0], shared, settings) or (kind, reason)
+    return _result(kind, reason, hypotheses, a, b, settings, shared)
 
 
 def track(a: MatchMap, b: MatchMap, transform: ArrayLike, *, settings: FusionSettings | None = None) -> Match:
@@ -102,12 +103,14 @@ def track(a: MatchMap, b: MatchMap, transform: ArrayLike, *, settings: FusionSet
     if judge_alone(hypothesis, settings)[0] != "merged":
         hypothesis = straighten(a, b, hypothesis, settings)
     kind, reason = judge_alone(hypothesis, settings)
-    return _result(kind, reason, [hypothesis], a, b, settings)
+    return _result(kind, reason, [hypothesis], a, b, settings, overlap(a, b, hypothesis.pose))
 
 
-def _doubted(a: MatchMap, b: MatchMap, best: Hypothesis, settings: FusionSettings) -> tuple[VerdictKind, str] | None:
+def _doubted(
+    a: MatchMap, b: MatchMap, best: Hypothesis, shared: float, settings: FusionSettings
+) -> tuple[VerdictKind, str] | None:
     """Why a placement is not to be believed although nothing speaks against it, None when it is."""
-    if _overlap(a, b, best) >= settings.plain_overlap:
+    if shared >= settings.plain_overlap:
         return None
     detail = detail_m(a, b, best.pose, settings)
     if detail >= settings.min_detail_m:
@@ -116,10 +119,6 @@ def _doubted(a: MatchMap, b: MatchMap, best: Hypothesis, settings: FusionSetting
         "ambiguous",
         f"only {detail:.1f} m of wall agree beyond four straight lines: any room of this shape would fit",
     )
-
-
-def _overlap(a: MatchMap, b: MatchMap, best: Hypothesis) -> float:
-    return overlap(a, b, best.pose)
 
 
 def _refusal(a: MatchMap, b: MatchMap, settings: FusionSettings) -> Match | None:
@@ -139,6 +138,7 @@ def _result(
     a: MatchMap,
     b: MatchMap,
     settings: FusionSettings,
+    shared: float,
 ) -> Match:
     if not hypotheses:
         return Match(kind, reason)
@@ -148,7 +148,7 @@ def _result(
         reason=reason,
         transform=best.pose if merged else None,
         information=_information(a, b, best, settings) if merged else None,
-        overlap=_overlap(a, b, best),
+        overlap=shared,
         agreement=best.evidence.agreement,
         conflict=best.evidence.conflict,
         runner_up=runner_up(hypotheses),

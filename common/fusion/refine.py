@@ -43,7 +43,7 @@ def refine(
     a: MatchMap, sample: Walls, pose: NDArray[np.float64], reach_m: float, steps: int = STEPS, wall_m: float = 0.0
 ) -> Refined:
     """The best pose near `pose` for b's walls `sample`, which stand for `wall_m` metres of wall."""
-    refined, hessian, matched = _refine(np.asarray(pose, np.float64), *_arguments(a, sample, reach_m, steps))
+    refined, hessian, matched = refine_lines(np.asarray(pose, np.float64), *_arguments(a, sample, reach_m, steps))
     weight = wall_m / SPACING_M / len(sample.points) / SIGMA_M**2
     return Refined(refined, hessian * weight, matched / len(sample.points))
 
@@ -54,12 +54,12 @@ def refine_all(a: MatchMap, sample: Walls, poses: NDArray[np.float64], reach_m: 
 
 
 def _arguments(a: MatchMap, sample: Walls, reach_m: float, steps: int) -> tuple[Any, ...]:
-    """What `_refine` takes after the pose that it begins with."""
+    """What `refine_lines` takes after the pose that it begins with."""
     return sample.lines, a.walls.lines, a.nearest.wall, a.origin, a.resolution, min(reach_m, REACH_M), steps
 
 
 @njit(cache=True)
-def _refine(
+def refine_lines(
     start: NDArray[np.float64],
     sample: NDArray[np.float64],
     walls: NDArray[np.float64],
@@ -142,5 +142,5 @@ def _solve(hessian: NDArray[np.float64], gx: float, gy: float, gt: float) -> NDA
 def _refine_all(starts: NDArray[np.float64], *rest: Any) -> NDArray[np.float64]:
     poses = np.empty_like(starts)
     for k in range(len(starts)):
-        poses[k] = _refine(starts[k], *rest)[0]
+        poses[k] = refine_lines(starts[k], *rest)[0]
     return poses

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from common.fusion.bend import bend, weigh_bent
 from common.fusion.match import match, track
 from common.fusion.matchmap import MatchMap
+from common.fusion.settings import FusionSettings
 from common.grid import Grid
 from common.grid.render import render
 
@@ -19,3 +21,4 @@ def warmup() -> None:
     a, b = MatchMap.from_grid(grid), MatchMap.from_grid(render(grid, (1.0, 2.0, 0.5), 0.1))
     match(a, b)
     track(a, b, np.zeros(3))
+    weigh_bent(a, b, bend(a, b, np.zeros(3), FusionSettings()), FusionSettings())
