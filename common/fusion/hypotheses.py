@@ -73,8 +73,13 @@ def search(
     if settings.features:
         found = a.features(settings.features), b.features(settings.features)
         proposals.append(propose_by_features(*found, settings.feature_hypotheses, seed))
+    return settle(a, b, np.concatenate(proposals), settings)
+
+
+def settle(a: MatchMap, b: MatchMap, proposals: NDArray[np.float64], settings: FusionSettings) -> list[Hypothesis]:
+    """Distinct hypotheses that refinement makes of proposed poses (n, 3) of b's frame in a's, best score first."""
     quick = b.sample.at(np.arange(len(b.sample.points))[:QUICK_SAMPLES])
-    rough = refine_all(a, quick, np.concatenate(proposals), settings.reach_m, QUICK_STEPS)
+    rough = refine_all(a, quick, proposals, settings.reach_m, QUICK_STEPS)
     middle = b.walls.points.mean(axis=0)
     sifted = rough[_sifted(a, b, quick, rough, settings)]
     first = sifted[distinct(sifted, middle)[: settings.refined]]

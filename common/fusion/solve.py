@@ -106,7 +106,7 @@ def _gauss_newton(
             residual[2] = wrap(residual[2])
             distance = float(np.sqrt(residual @ weight @ residual))
             robust = weight * (1.0 if distance <= HUBER else HUBER / distance)
-            jacobian = np.concatenate(_jacobians(poses[a], poses[b]), axis=1)
+            jacobian = np.concatenate(difference_by(poses[a], poses[b]), axis=1)
             at = np.r_[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
             hessian[np.ix_(at, at)] += jacobian.T @ robust @ jacobian
             gradient[at] += jacobian.T @ robust @ residual
@@ -118,7 +118,7 @@ def _gauss_newton(
     return poses
 
 
-def _jacobians(a: Pose, b: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def difference_by(a: Pose, b: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Derivatives (3, 3) of `between(a, b)` by a and by b."""
     c, s = np.cos(a[2]), np.sin(a[2])
     dx, dy = b[0] - a[0], b[1] - a[1]
