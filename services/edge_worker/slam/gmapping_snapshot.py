@@ -77,7 +77,7 @@ def read(data: bytes, kernel: GMapping) -> None:
     kernel.seed, kernel.way = seed, way
     kernel.tree, kernel.track = tree, track
     vars(kernel.chart.grid).update(vars(chart.grid))  # whoever holds the grid keeps holding it
-    kernel.chart.canvas, kernel.chart.drawn = chart.canvas, chart.drawn
+    kernel.chart.canvas, kernel.chart.drawn, kernel.chart.followed = chart.canvas, chart.drawn, chart.followed
     vars(kernel).update(arrays)
 
 

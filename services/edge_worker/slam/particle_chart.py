@@ -26,21 +26,27 @@ class ParticleChart:
         self.canvas = Canvas(resolution_m)
         self.drawn: list[Pose] = []
         """where the tree's first unsettled generations are drawn"""
+        self.followed: tuple[int, int] | None = None
+        """generations of the tree and the particle of the last one whose lineage is drawn, when all of it is"""
 
     def follow(self, tree: ParticleTree, particle: int, most: int | None = None) -> None:
         """Draw the lineage of this particle and bring the grid up to date.
 
         New scans are all drawn; of those drawn elsewhere, the latest `most` are moved.
         """
+        if self.followed == (len(tree), particle):
+            return
         branch = tree.branch(particle)
         known = len(self.drawn)
         elsewhere = np.flatnonzero((np.array(self.drawn).reshape(-1, 3) != branch[:known]).any(axis=1))
-        for row in elsewhere[max(0, len(elsewhere) - most) if most is not None else 0 :]:
+        left = 0 if most is None else max(0, len(elsewhere) - most)
+        for row in elsewhere[left:]:
             self._move(row, branch[row], tree.branches[row])
         for pose, generation in zip(branch[known:], islice(tree.branches, known, None), strict=True):
             self._draw(pose, generation, 1)
             self.drawn.append(pose)
         self.canvas.publish(self.grid)
+        self.followed = None if left else (len(tree), particle)
 
     def settle(self, fixed: list[tuple[Pose, Generation]]) -> None:
         """Generations are leaving the tree's branches, oldest first: draw them for good."""

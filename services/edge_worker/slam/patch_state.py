@@ -161,17 +161,20 @@ def find_patch(table, place, mean, hits, out):  # type: ignore[no-untyped-def]
     out[:] = FAR
     for j in range(-1, SIDE + 1):
         row = py + (j >> SHIFT)
-        for i in range(-1, SIDE + 1):
-            column = px + (i >> SHIFT)
-            if not (0 <= row < height and 0 <= column < width):
+        for column in range(max(px - 1, 0), min(px + 2, width)):
+            number = table[row, column] if 0 <= row < height else NONE
+            if number == NONE:
                 continue
-            number, cell = table[row, column], (j & LOW) * SIDE + (i & LOW)
-            if hits[number, cell] == 0:
-                continue
-            at_x, at_y = int(mean[number, cell, 0]) >> COARSER, int(mean[number, cell, 1]) >> COARSER
-            for y in range(max(j - 1, 0), min(j + 2, SIDE)):
-                for x in range(max(i - 1, 0), min(i + 2, SIDE)):
-                    dx, dy = ((i - x) << NEAR_BITS) + at_x, ((j - y) << NEAR_BITS) + at_y
-                    if off_centre(dx, dy) < best[y * SIDE + x]:
-                        best[y * SIDE + x] = off_centre(dx, dy)
-                        out[y * SIDE + x, 0], out[y * SIDE + x, 1] = dx, dy
+            left = (column - px) * SIDE
+            for i in range(max(left, -1), min(left + SIDE, SIDE + 1)):
+                cell = (j & LOW) * SIDE + i - left
+                if hits[number, cell] == 0:
+                    continue
+                at_x, at_y = int(mean[number, cell, 0]) >> COARSER, int(mean[number, cell, 1]) >> COARSER
+                for y in range(max(j - 1, 0), min(j + 2, SIDE)):
+                    for x in range(max(i - 1, 0), min(i + 2, SIDE)):
+                        dx, dy = ((i - x) << NEAR_BITS) + at_x, ((j - y) << NEAR_BITS) + at_y
+                        away = off_centre(dx, dy)
+                        if away < best[y * SIDE + x]:
+                            best[y * SIDE + x] = away
+                            out[y * SIDE + x, 0], out[y * SIDE + x, 1] = dx, dy
