@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from common.errors import Unmergeable
 from common.fusion.bend import bend, loosened
 from common.fusion.decide import decide, judge_alone, runner_up
-from common.fusion.detail import detail_m
+from common.fusion.detail import detail_m, distinction_m
 from common.fusion.hypotheses import Hypothesis, judge, search, slides, straighten, straighten_best
 from common.fusion.matchmap import MatchMap
 from common.fusion.overlap import overlap
@@ -86,7 +86,7 @@ def match(
     kind, reason = decide(hypotheses, settings)
     shared = overlap(a, b, hypotheses[0].pose) if hypotheses else 0.0
     if kind == "merged":
-        kind, reason = _doubted(a, b, hypotheses[0], shared, settings) or (kind, reason)
+        kind, reason = _doubted(a, b, hypotheses, shared, settings) or (kind, reason)
     return _result(kind, reason, hypotheses, a, b, settings, shared)
 
 
@@ -107,17 +107,19 @@ def track(a: MatchMap, b: MatchMap, transform: ArrayLike, *, settings: FusionSet
 
 
 def _doubted(
-    a: MatchMap, b: MatchMap, best: Hypothesis, shared: float, settings: FusionSettings
+    a: MatchMap, b: MatchMap, hypotheses: list[Hypothesis], shared: float, settings: FusionSettings
 ) -> tuple[VerdictKind, str] | None:
     """Why a placement is not to be believed although nothing speaks against it, None when it is."""
-    if shared >= settings.plain_overlap:
+    if shared >= settings.plain_overlap or not settings.min_distinction_m:
         return None
-    detail = detail_m(a, b, best.pose, settings)
-    if detail >= settings.min_detail_m:
+    best = hypotheses[0]
+    detail, lead = detail_m(a, b, best.pose, settings), best.score * (1 - runner_up(hypotheses))
+    if distinction_m(detail, lead, best.evidence.blob_m) >= settings.min_distinction_m:
         return None
     return (
         "ambiguous",
-        f"only {detail:.1f} m of wall agree beyond four straight lines: any room of this shape would fit",
+        f"only {detail:.1f} m of wall agree beyond four straight lines, others come within {lead:.0f} m of its score, "
+        f"and {best.evidence.blob_m:.1f} m in one piece contradict: any place of this shape would fit",
     )
 
 

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from drawn_worlds import apartment, mapped
 
-from common.fusion.detail import detail_m
+from common.fusion.detail import detail_m, distinction_m
 from common.fusion.match import match
 from common.fusion.matchmap import MatchMap
 from common.fusion.settings import FusionSettings
 from common.geometry import between
 
 LONG_M = 53.0
-TRUSTING = FusionSettings(min_detail_m=0.0)
+TRUSTING = FusionSettings(min_distinction_m=0.0)
 
 
-def window(k: int) -> MatchMap:
+def window(k: int, building: int = 3) -> MatchMap:
     """The k-th of overlapping stretches of a long building, in a frame of its own."""
-    return mapped(apartment(3, width_m=LONG_M), frame_of(k), (6.0 * k, 6.0 * k + 11.0), seed=k)
+    return mapped(apartment(building, width_m=LONG_M), frame_of(k), (6.0 * k, 6.0 * k + 11.0), seed=k)
 
 
 def frame_of(k: int) -> np.ndarray:
@@ -38,3 +38,20 @@ def test_what_neighbours_share_has_detail() -> None:
     a, b = window(3), window(4)
     assert match(a, b).kind == "merged"
     assert detail_m(a, b, between(frame_of(3), frame_of(4)), FusionSettings()) > 5.0
+
+
+@pytest.mark.parametrize(("building", "one", "other"), [(1003, 0, 2), (1006, 2, 6), (1011, 1, 5)])
+def test_a_door_in_another_place_outweighs_a_cross_wall_in_the_same(building: int, one: int, other: int) -> None:
+    a, b = window(one, building), window(other, building)
+    trusted = match(a, b, settings=TRUSTING)
+    if trusted.transform is not None:
+        assert detail_m(a, b, trusted.transform, FusionSettings()) > 1.0
+    assert match(a, b).kind != "merged"
+
+
+def test_detail_or_a_long_lead_sets_a_place_apart_and_a_contradiction_in_one_piece_does_not() -> None:
+    least = FusionSettings().min_distinction_m
+    assert distinction_m(3.5, 0.0, 0.0) >= least
+    assert distinction_m(0.0, 10.0, 0.0) >= least
+    assert distinction_m(1.0, 3.0, 0.0) < least
+    assert distinction_m(1.0, 10.0, 0.6) < least
