@@ -6,6 +6,10 @@ from common.fusion.hypotheses import Hypothesis
 from common.fusion.settings import FusionSettings
 from common.wire.edge import VerdictKind
 
+NOISE_M, NOISE = 0.4, 0.01
+"""length of connected contradicting wall that is not yet a thing, and share of scattered contradictions that may differ
+by chance"""
+
 
 def runner_up(hypotheses: list[Hypothesis]) -> float:
     """Score of the best of the other hypotheses over that of the first, 0 when there is none."""
@@ -25,6 +29,12 @@ def decide(hypotheses: list[Hypothesis], settings: FusionSettings) -> tuple[Verd
     ratio = runner_up(hypotheses)
     if ratio > _tolerated(best, ratio, settings):
         return "ambiguous", f"another placement scores {ratio:.0%} of the best: the place looks alike in two ways"
+    twin = _twin(hypotheses, settings)
+    if twin is not None:
+        return "ambiguous", (
+            f"another placement, {twin.score / best.score:.0%} of the best by its overlap, has no more against it: "
+            "the place looks alike in two ways"
+        )
     if best.grip_m < (settings.min_bent_grip_m if best.bent else settings.min_grip_m):
         return "ambiguous", f"only {best.grip_m:.1f} m of wall keep one map from sliding along the other"
     return "merged", reason
@@ -52,3 +62,18 @@ def _tolerated(best: Hypothesis, ratio: float, settings: FusionSettings) -> floa
         return settings.max_bent_runner_up
     clear = best.score * (1 - ratio) >= settings.clear_lead_m
     return settings.max_runner_up_ever if clear else settings.max_runner_up
+
+
+def _twin(hypotheses: list[Hypothesis], settings: FusionSettings) -> Hypothesis | None:
+    """The first of the other hypotheses that would do alone and has no more against it than the best has.
+
+    Where rooms repeat themselves, the largest overlap scores highest, right or not: scores cannot tell. What stands in
+    one room and not in the other can, and that is a contradiction.
+    """
+    best = hypotheses[0].evidence
+    blob_m, conflict = max(best.blob_m, NOISE_M), best.conflict + NOISE
+    for one in hypotheses[1:]:
+        told = one.evidence
+        if told.conflict <= conflict and judge_alone(one, settings)[0] == "merged" and told.blob_m <= blob_m:
+            return one
+    return None

@@ -63,6 +63,15 @@ def symmetric_hall() -> Counts:
     return counts
 
 
+def row_of_rooms() -> Counts:
+    """Six equal rooms of 3.5 m along a corridor, a bed in each."""
+    counts = blank(21, 6)
+    for x in np.arange(0, 21, 3.5):
+        for ends in ((0, 0, 0, 3.5), (0, 3.5, 1.2, 3.5), (2.2, 3.5, 3.5, 3.5), (0.4, 0.9, 2, 0.9), (2, 0, 2, 0.9)):
+            wall(counts, x + ends[0], ends[1], x + ends[2], ends[3])
+    return counts
+
+
 def seen(counts: Counts, frame: ArrayLike, window_m: tuple[float, float] | None = None, seed: int = 0) -> Grid:
     """The counts of a robot whose map frame has the pose `frame` in the world: between two x, with ragged walls."""
     rng = np.random.default_rng(seed)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from drawn_worlds import RESOLUTION, apartment, blank, mapped, symmetric_hall, wall
+from drawn_worlds import RESOLUTION, apartment, blank, mapped, row_of_rooms, symmetric_hall, wall
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -53,6 +53,22 @@ def test_a_symmetric_building_is_ambiguous() -> None:
     result = match(mapped(symmetric_hall(), HOME), mapped(symmetric_hall(), (-3, 4, 1.2), seed=3))
     assert result.kind == "ambiguous", result.reason
     assert result.runner_up > 0.8
+
+
+def test_a_row_of_equal_rooms_is_ambiguous_though_a_larger_overlap_fits() -> None:
+    a, b = mapped(row_of_rooms(), HOME, (0, 12), seed=1), mapped(row_of_rooms(), (12, 3, 1), (9, 21), seed=2)
+    result = match(a, b)
+    assert result.kind == "ambiguous", result.reason
+    assert "no more against it" in result.reason
+
+
+@pytest.mark.parametrize("x", [9.6, 9.8, 10.0])
+def test_a_closet_that_one_room_lacks_is_not_outvoted_by_a_larger_overlap(x: float) -> None:
+    counts, frame = row_of_rooms(), np.array([12.0, 3.0, 1.0])
+    for ends in ((x, 4.9, x + 0.8, 4.9), (x, 4.9, x, 6), (x + 0.8, 4.9, x + 0.8, 6)):
+        wall(counts, *ends)
+    result = match(mapped(counts, HOME, (0, 12), seed=1), mapped(counts, frame, (9, 21), seed=2))
+    assert result.kind != "merged" or result.transform == pytest.approx(between(HOME, frame), abs=0.05)
 
 
 def test_a_bare_corridor_is_not_pinned_along_its_length() -> None:
