@@ -1,6 +1,7 @@
 """Speed, memory and accuracy of the SLAM kernels on real logs and simulated robots.
 
     RECSLAM_DATA=... python -m bench.slam [--kernel graph|gmapping] [--log intel_dense|aces|csail|SCENE:LIDAR[:SENSORS]]
+        [--seeds 5]
 
 Each run is a process of its own, so that its memory is its own. The map is asked for after each `MAP_EVERY` frames, as
 a worker would; that time is stated apart. CPU time throughout. SENSORS is `all`, `imu` (no wheels) or `laser`.
@@ -16,6 +17,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -61,30 +63,32 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kernel", action="append", choices=["graph", "gmapping"])
     parser.add_argument("--log", action="append")
+    parser.add_argument("--seeds", type=int, metavar="N", help="seeds 1 to N instead of 0")
+    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--here", action="store_true", help="run in this process and print JSON")
     arguments = parser.parse_args()
     kernels, logs = arguments.kernel or ["graph", "gmapping"], arguments.log or [*LOGS, *SCENES]
     if arguments.here:
-        print(json.dumps(measure(kernels[0], logs[0])))
+        print(json.dumps(measure(kernels[0], logs[0], arguments.seed)))
         return
     if any(log in LOGS for log in logs):
         data()
     warmup()
+    seeds = range(1, arguments.seeds + 1) if arguments.seeds else [arguments.seed]
     rows = []
-    for log in logs:
-        for kernel in kernels:
-            command = [sys.executable, "-m", "bench.slam", "--here", "--kernel", kernel, "--log", log]
-            rows.append(json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout))
-            print(line(rows[-1]), flush=True)
+    for log, kernel, seed in product(logs, kernels, seeds):
+        command = [sys.executable, "-m", "bench.slam", "--here", "--kernel", kernel, "--log", log, "--seed", str(seed)]
+        rows.append(json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout))
+        print(line(rows[-1]), flush=True)
     (OUT / "slam.json").write_text(json.dumps(rows, indent=1))
 
 
-def measure(kernel_name: str, log: str) -> dict[str, Any]:
+def measure(kernel_name: str, log: str, seed: int = 0) -> dict[str, Any]:
     """Everything there is to say about one kernel on one log; writes the map and the trajectory to results/."""
     warmup()
     frames = [pack(sweep, "robot", "0" * 32, seq) for seq, sweep in enumerate(sweeps(log))]
     idle = peak_mb()
-    kernel = create(kernel_name, {})
+    kernel = create(kernel_name, {}, seed)
     spent, drawing = [], 0.0
     for frame in frames:
         spent.append(timed(kernel, frame))
@@ -102,6 +106,7 @@ def measure(kernel_name: str, log: str) -> dict[str, Any]:
     return {
         "kernel": kernel_name,
         "log": log,
+        "seed": seed,
         "scans": len(frames),
         "ms": dict(zip(("p50", "p95", "p99", "max"), np.percentile(milliseconds, [50, 95, 99, 100]), strict=True)),
         "scans_per_s": len(frames) / (sum(spent) + finish),
@@ -109,7 +114,7 @@ def measure(kernel_name: str, log: str) -> dict[str, Any]:
         "finish_s": finish,
         "snapshot": {"mb": len(snapshot) / 1e6, "ms": snapshot_s * 1e3},
         "rss_mb": {"idle": idle, "more": peak_mb() - idle},
-        **keep(kernel, f"slam-{kernel_name}-{log.replace(':', '-')}"),
+        **keep(kernel, f"slam-{kernel_name}-{log.replace(':', '-')}-{seed}".removesuffix("-0")),
         "accuracy": accuracy(kernel.trajectory(), log),
     }
 
@@ -188,7 +193,7 @@ def line(row: dict[str, Any]) -> str:
         f"{name} {value:.4f}" for name, value in row["accuracy"].items() if not name.endswith(("_sd", "_n"))
     )
     return (
-        f"{row['kernel']:8s} {row['log']:26s} {row['scans']:5d} scans  "
+        f"{row['kernel']:8s} {row['log']:26s} seed {row['seed']} {row['scans']:5d} scans  "
         f"{ms['p50']:6.2f} / {ms['p95']:6.2f} / {ms['p99']:6.2f} ms  {row['scans_per_s']:5.0f} scans/s  "
         f"map {row['map_s']:5.2f} s  RSS {rss['idle']:.0f} + {rss['more']:.0f} MB  "
         f"snapshot {row['snapshot']['mb']:.1f} MB {row['snapshot']['ms']:.0f} ms  {errors}"
