@@ -33,6 +33,8 @@ RIGHT = (0.2, math.radians(2))
 RIGHT_BENT = (0.4, math.radians(3))
 OVERLAPS = {"20 %": (0.15, 0.25), "40 %": (0.35, 0.45), "60 %": (0.55, 0.65), "80 %": (0.75, 0.85)}
 APART = (0.0, 0.01)
+USUAL = (240_000, 360_000)
+"""cells of maps of about 600 x 500, whose decision time is told apart"""
 OUT = Path("results")
 
 
@@ -44,6 +46,8 @@ class Row:
     building: str
     woven: bool
     overlap: float
+    cells: int
+    """of the two maps' rasters, mean"""
     kind: str
     right: bool
     wrong: bool
@@ -116,6 +120,7 @@ def judge(group: str, building: str, cut: Cut) -> Row:
         building=building,
         woven=cut.woven,
         overlap=cut.overlap,
+        cells=(a.occupancy.size + b.occupancy.size) // 2,
         kind=result.kind,
         right=right,
         wrong=wrong,
@@ -144,9 +149,12 @@ def report(rows: Iterable[Row]) -> None:
         chosen = [row for row in rows if row.group == group]
         for building in [*dict.fromkeys(row.building for row in chosen), "all"]:
             line([row for row in chosen if building in ("all", row.building)], group, building)
-    print(f"decision {np.median([r.cold_ms for r in rows]):.0f} ms CPU (median), ", end="")
-    print(f"{np.percentile([r.cold_ms for r in rows], 95):.0f} ms (95 %); ", end="")
-    print(f"track {np.median([r.track_ms for r in rows if r.kind == 'merged']):.1f} ms")
+    for name, some in (("all", rows), ("about 600 x 500 cells", [r for r in rows if USUAL[0] <= r.cells <= USUAL[1]])):
+        cold, tracked = [r.cold_ms for r in some], [r.track_ms for r in some if r.kind == "merged"]
+        if not tracked:
+            continue
+        print(f"{name} ({len(some)}): decision {np.median(cold):.0f} ms CPU (median), ", end="")
+        print(f"{np.percentile(cold, 95):.0f} ms (95 %); track {np.median(tracked):.1f} ms")
 
 
 def line(rows: list[Row], group: str, building: str) -> None:
