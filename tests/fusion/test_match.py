@@ -71,6 +71,20 @@ def test_a_closet_that_one_room_lacks_is_not_outvoted_by_a_larger_overlap(x: flo
     assert result.kind != "merged" or result.transform == pytest.approx(between(HOME, frame), abs=0.05)
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_rows_of_rooms_with_closets_anywhere_are_never_merged_wrongly(seed: int) -> None:
+    rng, counts, frame = np.random.default_rng(seed), row_of_rooms(), np.array([12.0, 3.0, 1.0])
+    for _ in range(rng.integers(0, 4)):
+        (x, y), (w, h) = rng.uniform((0, 1.2), (19.5, 4.8)), rng.uniform(0.4, 1.1, 2)
+        for ends in ((x, y, x + w, y), (x, y + h, x + w, y + h), (x, y, x, y + h), (x + w, y, x + w, y + h)):
+            wall(counts, *ends)
+    reach = rng.uniform(9, 15, 2)
+    a, b = mapped(counts, HOME, (0, reach[0]), seed=1), mapped(counts, frame, (21 - reach[1], 21), seed=2)
+    result = match(a, b)
+    if result.kind == "merged":
+        assert_right(result, between(HOME, frame), b)
+
+
 def test_a_bare_corridor_is_not_pinned_along_its_length() -> None:
     counts = blank(30, 2.5)
     a, b = mapped(counts, HOME, (2, 18)), mapped(counts, (0, 0, 1.0), (10, 28), seed=2)
