@@ -5,8 +5,8 @@
 Three worlds in which places look alike: the square of 4 x 4 m, a hotel corridor of equal rooms, and a hall that is its
 own mirror image both ways. Two or three robots drive through each, their waypoints moved a little by the seed, and the
 graph kernel maps. The fleet is fused three times: with nothing known, with start poses that are 0.1 m and 3 degrees
-off, and (driven anew) in the same world with one thing in it that makes it unlike. A robot is wrong when it lies more
-than 0.3 m or 3 degrees from where it belongs in its component.
+off, and (driven anew) in the same world with a closet or a few (LANDMARKS) that make it unlike. A robot is wrong when
+it lies more than 0.3 m or 3 degrees from where it belongs in its component.
 """
 
 from __future__ import annotations
@@ -162,14 +162,15 @@ def hall() -> Scene:
 
 WORLDS: dict[str, Callable[[], Scene]] = {"square": square, "hotel": hotel, "hall": hall}
 LANDMARKS = {
-    "symmetric": [(2.95, 0.05, 1.0, 1.1, 0.0)],
+    "symmetric": [(2.75, 0.05, 1.2, 1.1, 0.0)],
     "hotel": [(8.7, 3.65, 1.0, 0.5, 0.0), (8.75, 0.1, 0.75, 1.0, 0.0), (15.1, 7.9, 0.8, 1.0, 0.0)],
     "hall": [(4.2, 2.9, 0.9, 0.5, 0.5), (6.6, 5.2, 0.6, 0.4, 0.2)],
 }
 """Boxes x, y, width, depth (m), turn (rad), where two robots or more come by.
 
-They are as large as a closet: what stands less than 0.25 m off a wall is no evidence (FusionSettings.contradiction_m),
-so that a narrow thing along a wall tells nobody one place from another.
+They are as large as a closet; the square's fills a corner, for no place there is far from a wall. What stands less than
+0.25 m off a wall is no evidence (FusionSettings.contradiction_m), so that a narrow thing along a wall tells nobody one
+place from another.
 """
 
 
