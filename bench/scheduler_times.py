@@ -27,7 +27,7 @@ SIZES = ((6, 3), (10, 3), (20, 4), (50, 5), (50, 8))
 """robots, edges"""
 UNEQUAL = ((1, 1), (2, 5), (4, 10), (8, 20))
 """by what factor edges' speeds, and links, differ at most"""
-COMPARED = ("random", "random-balanced", "greedy", "static", "paper", "recslam")
+COMPARED = ("random", "random-balanced", "greedy", "static", "paper-printed", "paper", "recslam")
 ORDER = ("recslam", "paper", "greedy", "random")
 """from what should be the quickest to the slowest"""
 SAMPLE = 10

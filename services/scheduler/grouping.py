@@ -19,7 +19,7 @@ from services.scheduler.graph import Groups, Weights
 from services.scheduler.tabu import TabuMode, tabu_search
 
 
-def balanced_grouping(weights: Weights, groups: int, kappa: int, tau: int, mode: TabuMode = "printed") -> Groups:
+def balanced_grouping(weights: Weights, groups: int, kappa: int, tau: int, mode: TabuMode = "intended") -> Groups:
     """Algorithm 1 with its line 27: a grouping into `groups` balanced groups, improved by Algorithm 2.
 
     `weights` (V, V) is the overlapping graph G, `groups` is N, `kappa` and `tau` are κ and τ of Algorithm 2.

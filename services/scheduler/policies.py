@@ -246,8 +246,8 @@ POLICIES: dict[str, Policy] = {
     "random-balanced": random_balanced_policy,
     "greedy": greedy_policy,
     "static": static_policy,
-    "paper": paper_policy("printed"),
-    "paper-intended": paper_policy("intended"),
+    "paper": paper_policy("intended"),
+    "paper-printed": paper_policy("printed"),
     "cut": cut_policy,
     "recslam": recslam_policy,
 }

@@ -3,8 +3,8 @@
 As printed, G and S are never emptied and T forbids nothing: line 24 takes G_k whatever T says. With G and S emptied
 in each iteration (otherwise line 11 finds the best of all history for ever) that is a steepest swap descent which ends
 in a cycle of two groupings. Mode "printed" stops there: when a swap is chosen twice in a row, the grouping before the
-last two has come back, and P* cannot change any more. Mode "intended" does what the text promises: a swap in T is
-passed over unless it gives a better grouping than any before (the amnesty rule).
+last two has come back, and P* cannot change any more. Mode "intended", the default, does what the text promises: a
+swap in T is passed over unless it gives a better grouping than any before (the amnesty rule).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from services.scheduler.graph import Groups, Weights
 TabuMode = Literal["printed", "intended"]
 
 
-def tabu_search(weights: Weights, groups: Groups, kappa: int, tau: int, mode: TabuMode = "printed") -> Groups:
+def tabu_search(weights: Weights, groups: Groups, kappa: int, tau: int, mode: TabuMode = "intended") -> Groups:
     """Algorithm 2: the best grouping P* seen in κ iterations of swapping two robots of different groups.
 
     `weights` (V, V) is G, `groups` (V,) the initial ⟨P_1, ..., P_N⟩, `kappa` κ the iterations, `tau` τ the length of
