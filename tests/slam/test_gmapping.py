@@ -188,6 +188,20 @@ def test_a_foreign_corrupt_older_newer_or_otherwise_set_snapshot_is_refused_by_n
     assert kernel.map().digest() == digest
 
 
+def test_a_robot_that_starts_suddenly_in_a_corridor_is_not_taken_for_one_whose_wheels_slip() -> None:
+    """Walls alike all along tell nothing of the way: odometry, here true, does."""
+    angles = -np.pi + 2 * np.pi / BEAMS * np.arange(BEAMS)
+    with np.errstate(divide="ignore"):
+        ranges = np.minimum(1.0 / np.abs(np.sin(angles)), 20.0).astype(np.float32)
+    way = np.cumsum([0.06] * 20 + [0.3] * 10)
+    frames = [
+        changed(frame, ranges=ranges).model_copy(update={"odometry": np.array([[frame.stamp, x, 0.0, 0.0]])})
+        for frame, x in zip(drive(len(way)), way, strict=True)
+    ]
+    rows = run(frames).trajectory()
+    assert rows[-1, 1] - rows[0, 1] == pytest.approx(way[-1] - way[0], rel=0.1)
+
+
 def test_scans_without_a_usable_beam_move_the_pose_by_odometry() -> None:
     frames = drive(40)
     nothing = [np.full(BEAMS, value, np.float32) for value in (np.nan, np.inf, -np.inf, 0.0, 99.0)]

@@ -10,6 +10,7 @@ robot without odometry can be mapped too.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,7 @@ class GMapping:
 
     def process(self, frame: Frame) -> Estimate:
         """Take the next frame. A frame without usable beams moves the pose by odometry only."""
-        scan = self.reader.read(frame)
+        scan = self._as_told(self.reader.read(frame))
         usable = len(scan.points) >= self.settings.min_points
         scan, matched = self._advance(scan, usable)
         if usable and self._is_due():
@@ -102,6 +103,18 @@ class GMapping:
     def restore(self, data: bytes) -> None:
         """Take over a snapshot of a kernel of the same settings. Raises SnapshotRefused, and then keeps its state."""
         gmapping_snapshot.read(data, self)
+
+    def _as_told(self, scan: Scan) -> Scan:
+        """Where wheels are suspected of slip: the motion that they tell first, and what is left without slip second.
+
+        A robot that starts suddenly, or whose stamps bunch, looks as if its wheels slipped. Matching says which it was.
+        """
+        length = float(np.hypot(scan.motion[0], scan.motion[1]))
+        if not self.reader.reckoning.wheels.slipping or length == 0.0:
+            return scan
+        told = scan.motion.copy()
+        told[:2] *= 1.0 + scan.surge / length
+        return replace(scan, motion=told, alternatives=np.vstack([scan.motion, scan.alternatives]))
 
     def _advance(self, scan: Scan, usable: bool) -> tuple[Scan, bool]:
         """Move `since` by dead reckoning, corrected on the best particle's map.
