@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from common.errors import Unmergeable
 from common.grid.grid import SATURATED, TILE, Counts, Grid, TileKey
 from common.grid.sharpen import sharpened
+from common.grid.standing import CERTAIN, certain
 
 
 def add(grids: Iterable[Grid]) -> Grid:
     """The cell-wise sum of grids on one lattice, in the same bits whatever their order.
 
-    Sums are exact; a cell whose visits exceed uint16 has both counts scaled down, so that its ratio stays.
+    Sums are exact; a cell whose visits exceed uint16 has both counts scaled down, so that its ratio stays. What one
+    of them knows to be free for certain is free (see standing.py).
     Raises Unmergeable when resolutions differ: render the odd one onto the common lattice first.
     """
     grids = list(grids)
@@ -25,9 +27,14 @@ def add(grids: Iterable[Grid]) -> Grid:
     if len(resolutions) > 1:
         raise Unmergeable(f"grids of {resolutions} m/cell cannot be added: render them at one resolution first")
     sums: dict[TileKey, NDArray[np.uint32]] = {}
+    sure: dict[TileKey, NDArray[np.bool_]] = {}
     for grid in grids:
         for key, counts in grid.tiles.items():
             sums.setdefault(key, np.zeros((2, TILE, TILE), np.uint32))[...] += counts
+            if (known := certain(counts)).any():
+                sure[key] = sure.get(key, False) | known
+    for key, known in sure.items():
+        sums[key][0, known], sums[key][1, known] = 0, CERTAIN
     merged = Grid(resolutions[0])
     merged.replace((key, saturate(sums[key])) for key in sorted(sums) if sums[key].any())
     return merged
@@ -47,7 +54,8 @@ def saturate(counts: NDArray[np.uint32]) -> Counts:
 def cap_votes(grid: Grid, most: int) -> Grid:
     """The grid with at most `most` visits in a cell, ratios kept: a robot that stands still outvotes nobody.
 
-    It also keeps the sum of 65535 / `most` robots exact in uint16, whatever the order and grouping of adding.
+    It also keeps the sum of 65535 / `most` robots exact in uint16, whatever the order and grouping of adding. What is
+    free for certain stays so.
     """
     capped = Grid(grid.resolution)
     capped.replace((key, _capped(counts, most)) for key, counts in grid.tiles.items())
@@ -55,7 +63,7 @@ def cap_votes(grid: Grid, most: int) -> Grid:
 
 
 def _capped(counts: Counts, most: int) -> Counts:
-    over = counts[1] > most
+    over = (counts[1] > most) & ~certain(counts)
     if not over.any():
         return counts
     out = counts.astype(np.uint32)

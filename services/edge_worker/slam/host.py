@@ -12,6 +12,7 @@ import numpy as np
 from common.errors import UsageError
 from common.grid.paging import page
 from common.grid.raster import Raster
+from common.grid.standing import MarkedMap
 from common.grid.tiles import encode_counts, encode_occupancy
 from common.grid.versions import first_version
 from common.wire import Frame, TrajectoryPage, decode, encode
@@ -29,6 +30,7 @@ class Instance:
 
     kernel: Kernel
     life: int
+    shown: MarkedMap
     sketch: Raster
     seq: int = -1
     """last frame taken"""
@@ -54,9 +56,10 @@ class SlamHost:
     def open(self, robot: str, life: int, kernel: str, settings: dict[str, Any], seed: int) -> None:
         """A fresh instance; an older one of this robot is forgotten. `life` tells its map from any other's."""
         made = create(kernel, settings, seed)
-        grid = made.map()
-        grid.version = first_version(life)
-        self._instances[robot] = Instance(made, life, Raster(grid.resolution, version=first_version(life)))
+        resolution, version = made.map().resolution, first_version(life)
+        self._instances[robot] = Instance(
+            made, life, MarkedMap(resolution, version), Raster(resolution, version=version)
+        )
 
     def close(self, robot: str, life: int) -> None:
         """Forget this instance, not one that was opened after it."""
@@ -88,7 +91,8 @@ class SlamHost:
     def news(self, robot: str) -> dict[str, Any]:
         """Version of the map and what it contains, after taking everything in."""
         instance = self._instance(robot)
-        grid = instance.kernel.map()
+        instance.shown.follow(instance.kernel.map(), instance.kernel.trajectory())
+        grid = instance.shown.grid
         instance.sketch.follow(grid)
         return {
             "version": grid.version,
@@ -107,18 +111,19 @@ class SlamHost:
             found = page(instance.sketch, since, cursor, limit_bytes, encode_occupancy)
             told["version"] = instance.sketch.version
         else:
-            found = page(instance.kernel.map(), since, cursor, limit_bytes, encode_counts)
+            found = page(instance.shown.grid, since, cursor, limit_bytes, encode_counts)
         return {**told, "tiles": found.tiles, "next": found.next}
 
     def trajectory(self, robot: str, start: int) -> bytes:
         """An encoded TrajectoryPage from row `start` on."""
         instance = self._instance(robot)
+        version = self.news(robot)["version"]
         rows = np.ascontiguousarray(instance.kernel.trajectory(), dtype=np.float64)
         end = start + TRAJECTORY_ROWS
         return encode(
             TrajectoryPage(
                 robot=robot,
-                version=instance.kernel.map().version,
+                version=version,
                 poses=rows[start:end],
                 next=end if end < len(rows) else None,
             )
