@@ -26,7 +26,6 @@ from bench.worlds import drive
 from common.fusion.matchmap import MatchMap
 from common.fusion.pairs import PairTable, all_pairs
 from common.fusion.solve import solve
-from common.fusion.starts import told_by_starts
 from common.fusion.verdicts import measurements
 from common.geometry import between
 from common.sim import load_scene
@@ -91,9 +90,7 @@ def fuse(world: str, seed: int, known: str, maps: Maps, starts: dict[str, NDArra
     for robot, (map_, _) in maps.items():
         table.put(robot, map_, 1, True)
     table.decide(all_pairs(maps))
-    told = told_by_starts(
-        table.verdicts.values(), {robot: map_ for robot, (map_, _) in maps.items()}, starts, table.settings
-    )
+    told = table.told_by_starts(table.verdicts.values(), starts)
     components = solve(sorted(maps), measurements(table.verdicts.values()) | told, starts=starts)
     wrong = 0
     for each in components:

@@ -10,7 +10,6 @@ import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from common.fusion.cycles import Measurement, Pair
@@ -20,18 +19,16 @@ from common.fusion.matchmap import MatchMap
 from common.fusion.overlap import shared_area
 from common.fusion.settings import FusionSettings
 from common.fusion.solve import Solved
+from common.fusion.starts import told_by_starts
 from common.fusion.survey import Place, survey
 from common.fusion.verdicts import verdict
-from common.geometry.se2 import Pose, between, wrap
+from common.geometry.se2 import Pose
 from common.wire.base import PoseTuple
 from common.wire.cloud import Transforms
 from common.wire.edge import Component, PairVerdict
 
 GROWTH = 0.1
 """share of new known cells from which on an undecided pair is looked at again"""
-
-START_M, START_RAD = 0.6, 0.2
-"""how far start poses may be off for telling which of two ways is meant"""
 
 
 @dataclass
@@ -95,16 +92,8 @@ class PairTable:
     ) -> dict[Pair, Measurement]:
         """Transforms of pairs that look alike in several ways, or were not searched, where start poses tell which way
         is meant."""
-        out: dict[Pair, Measurement] = {}
-        for each in verdicts:
-            open_ = each.kind == "ambiguous" or (each.kind != "merged" and not each.searched)
-            if not open_ or not {each.a, each.b} <= starts.keys() & self.known.keys():
-                continue
-            told = between(starts[each.a], starts[each.b])
-            found = track(self.known[each.a].map, self.known[each.b].map, told, settings=self.settings)
-            if found.transform is not None and found.information is not None and _near(found.transform, told):
-                out[each.a, each.b] = Measurement(found.transform, found.information)
-        return out
+        maps = {robot: known.map for robot, known in self.known.items()}
+        return told_by_starts(verdicts, maps, starts, self.settings)
 
     def likeness(self, pair: Pair) -> int:
         """How many key points of the two maps fit together."""
@@ -184,11 +173,6 @@ class PairTable:
 
     def _grown(self, pair: Pair, before: tuple[int, int]) -> bool:
         return any(new > (1 + GROWTH) * old for new, old in zip(self._sizes(pair), before, strict=True))
-
-
-def _near(pose: Pose, other: Pose) -> bool:
-    gap = pose - other
-    return bool(np.hypot(gap[0], gap[1]) <= START_M and abs(wrap(gap[2])) <= START_RAD)
 
 
 def seed_of(a: str, b: str) -> int:
