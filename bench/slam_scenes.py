@@ -4,7 +4,8 @@
 
 Each seed is another route of the scene, driven by another robot with other errors. The map is brought to the truth by
 the trajectory, never by itself. `true poses` draws the same scans where they were really taken, and `exact ranges` does
-so without the laser's noise: what no kernel can better with this drawing and these cells. Tables are in metres.
+so without the laser's noise: how far this drawing gets with these cells. `every scan` draws all noisy scans at their
+true poses, not only one each 0.3 m or rad: what thinning scans costs. Tables are in metres.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from services.robot_agent.packing import pack
 SCENES = ("apartment", "two_rooms", "symmetric", "asymmetric", "prototype", "factory", "office")
 LIDARS = ("rplidar_a1", "lds01")
 KERNELS = ("graph", "gmapping")
-TRUE, EXACT = "true poses", "exact ranges"
+TRUE, EXACT, EVERY = "true poses", "exact ranges", "every scan"
 SENSORS = ("wheels+imu", "wheels", "imu", "laser")
 NOISE = ("none", "good", "worn", "slippery", "hostile")
 LONGEST_S = 300.0
@@ -103,7 +104,7 @@ def main() -> None:
     for what in [options.what] if options.what else ["scenes", "sensors"]:
         if what == "scenes":
             cases = [Case(*key) for key in product(options.scene or SCENES, lidars, seeds)]
-            columns: tuple[str, ...] = (*kernels, TRUE, EXACT)
+            columns: tuple[str, ...] = (*kernels, TRUE, EXACT, EVERY)
         else:
             cases = [replace(case, seed=seed) for case in sensed(options.scene, lidars) for seed in seeds]
             columns = tuple(kernels)
@@ -130,8 +131,8 @@ def measured(cases: list[Case], columns: tuple[str, ...]) -> Iterator[Row]:
 def measure(case: Case, kernel: str) -> Row:
     """Let a kernel map the case, or draw it at the true poses."""
     robot = case.robot()
-    if kernel in (TRUE, EXACT):
-        trajectory, grid = drawn(robot, exact=kernel == EXACT)
+    if kernel in (TRUE, EXACT, EVERY):
+        trajectory, grid = drawn(robot, exact=kernel == EXACT, apart=0.0 if kernel == EVERY else APART)
     else:
         slam = create(kernel, {}, case.seed)
         for seq, sweep in enumerate(robot.sweeps()):
@@ -155,8 +156,11 @@ def truth_of(case: Case) -> NDArray[np.float64]:
     return visible_walls(robot.scene, [robot], CELL_M)
 
 
-def drawn(robot: SimulatedRobot, exact: bool) -> tuple[NDArray[np.float64], Grid]:
-    """The true trajectory (n, 4) from where the robot started, as kernels have it, and the map of scans drawn there."""
+def drawn(robot: SimulatedRobot, exact: bool, apart: float) -> tuple[NDArray[np.float64], Grid]:
+    """The true trajectory (n, 4) from where the robot started, as kernels have it, and the map of scans drawn there.
+
+    `apart` in m or rad is how far the robot moves between two scans that are drawn.
+    """
     canvas, grid = Canvas(CELL_M), Grid(CELL_M)
     rows: list[list[float]] = []
     last = start = robot.pose(0.0)
@@ -165,7 +169,7 @@ def drawn(robot: SimulatedRobot, exact: bool) -> tuple[NDArray[np.float64], Grid
         rows.append([sweep.stamp, *pose])
         if len(rows) > 1:
             moved = between(last, pose)
-            if max(np.hypot(moved[0], moved[1]), abs(moved[2])) < APART:
+            if max(np.hypot(moved[0], moved[1]), abs(moved[2])) < apart:
                 continue
         last = pose
         canvas.draw(pose, ends(robot, sweep, exact), np.zeros(2))
