@@ -9,6 +9,8 @@ from common.wire.edge import VerdictKind
 NOISE_M, NOISE = 0.4, 0.01
 """length of connected contradicting wall that is not yet a thing, and share of scattered contradictions that may differ
 by chance"""
+TWIN = 0.3
+"""share of the best's score that another placement must have: where maps hardly overlap little can contradict"""
 
 
 def runner_up(hypotheses: list[Hypothesis]) -> float:
@@ -65,7 +67,7 @@ def _tolerated(best: Hypothesis, ratio: float, settings: FusionSettings) -> floa
 
 
 def _twin(hypotheses: list[Hypothesis], settings: FusionSettings) -> Hypothesis | None:
-    """The first of the other hypotheses that would do alone and has no more against it than the best has.
+    """The first of the other hypotheses that would do alone, has no more against it than the best, and is no dwarf.
 
     Where rooms repeat themselves, the largest overlap scores highest, right or not: scores cannot tell. What stands in
     one room and not in the other can, and that is a contradiction.
@@ -74,6 +76,8 @@ def _twin(hypotheses: list[Hypothesis], settings: FusionSettings) -> Hypothesis 
     blob_m, conflict = max(best.blob_m, NOISE_M), best.conflict + NOISE
     for one in hypotheses[1:]:
         told = one.evidence
+        if one.score < TWIN * hypotheses[0].score:
+            continue
         if told.conflict <= conflict and judge_alone(one, settings)[0] == "merged" and told.blob_m <= blob_m:
             return one
     return None
