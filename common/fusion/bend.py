@@ -154,7 +154,7 @@ def _carry(
     walls: NDArray[np.float64],
     cells: NDArray[np.int64],
     nearest: NDArray[np.int32],
-    occupancy: NDArray[np.int8],
+    ground: NDArray[np.int8],
     origin: NDArray[np.float64],
     resolution: float,
     agrees: float,
@@ -167,9 +167,7 @@ def _carry(
     for k in range(count):
         poses[k] = rigid
         around = lines[indices[ends[k] : ends[k + 1]]]
-        labels = classify_lines(
-            rigid, around, walls, cells, nearest, occupancy, origin, resolution, agrees, contradicts
-        )
+        labels = classify_lines(rigid, around, walls, cells, nearest, ground, origin, resolution, agrees, contradicts)
         share, known[k] = _share(labels)
         if share >= ROOTED and known[k] >= MIN_WALLS:
             heapq.heappush(queue, (-share, k, rigid[0], rigid[1], rigid[2]))
@@ -192,7 +190,7 @@ def _carry(
             if other >= 0 and not settled[other]:
                 around = lines[indices[ends[other] : ends[other + 1]]]
                 labels = classify_lines(
-                    at, around, walls, cells, nearest, occupancy, origin, resolution, agrees, contradicts
+                    at, around, walls, cells, nearest, ground, origin, resolution, agrees, contradicts
                 )
                 share, known[other] = _share(labels)
                 heapq.heappush(queue, (-share, other, at[0], at[1], at[2]))
@@ -217,7 +215,7 @@ def _classify_each(
     walls: NDArray[np.float64],
     cells: NDArray[np.int64],
     nearest: NDArray[np.int32],
-    occupancy: NDArray[np.int8],
+    ground: NDArray[np.int8],
     origin: NDArray[np.float64],
     resolution: float,
     agrees: float,
@@ -228,6 +226,6 @@ def _classify_each(
     for k in range(len(poses)):
         mine = np.flatnonzero(patch == k)
         labels[mine] = classify_lines(
-            poses[k], lines[mine], walls, cells, nearest, occupancy, origin, resolution, agrees, contradicts
+            poses[k], lines[mine], walls, cells, nearest, ground, origin, resolution, agrees, contradicts
         )
     return labels

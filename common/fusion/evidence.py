@@ -20,6 +20,7 @@ from common.fusion.overlap import shared_area
 from common.fusion.settings import FusionSettings
 from common.fusion.walls import NX, NY, SIDED, STRAIGHTNESS, Walls, X, Y, alike
 from common.geometry.se2 import IDENTITY, inverse
+from common.grid.grid import FREE, STOOD, UNKNOWN
 
 BLOB_CELL_M = 0.2
 AREA_M = 0.25
@@ -93,7 +94,7 @@ def target(into: MatchMap, settings: FusionSettings) -> tuple[Any, ...]:
         into.walls.lines,
         into.walls.cells,
         into.nearest.wall,
-        into.occupancy,
+        into.ground,
         into.origin,
         into.resolution,
         (settings.tolerance_m / into.resolution) ** 2 + SLACK,
@@ -145,16 +146,19 @@ def classify_lines(
     walls: NDArray[np.float64],
     cells: NDArray[np.int64],
     nearest: NDArray[np.int32],
-    occupancy: NDArray[np.int8],
+    ground: NDArray[np.int8],
     origin: NDArray[np.float64],
     resolution: float,
     agrees: float,
     contradicts: float,
 ) -> NDArray[np.int8]:
-    """Labels of the walls `lines`; up to `agrees` and from above `contradicts`, in cells squared, a wall is one."""
+    """Labels of the walls `lines`; up to `agrees` and from above `contradicts`, in cells squared, a wall is one.
+
+    Where this map's own robot stood, a wall of the other's is this robot and says nothing.
+    """
     labels = np.zeros(len(lines), np.int8)
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    height, width = occupancy.shape
+    height, width = ground.shape
     for k in range(len(lines)):
         x = pose[0] + c * lines[k, X] - s * lines[k, Y]
         y = pose[1] + s * lines[k, X] + c * lines[k, Y]
@@ -178,14 +182,14 @@ def classify_lines(
                 labels[k] = AGREES if same else NEITHER
                 continue
             far = square > contradicts
-        if occupancy[row, column] == -1:
+        if ground[row, column] == UNKNOWN or ground[row, column] == STOOD:
             continue
         labels[k] = NEITHER
         if far:
             open_ = True
             for dy in range(-1, 2):
                 for dx in range(-1, 2):
-                    open_ &= occupancy[row + dy, column + dx] == 0
+                    open_ &= ground[row + dy, column + dx] == FREE or ground[row + dy, column + dx] == STOOD
             if open_:
                 labels[k] = CONTRADICTS
     return labels

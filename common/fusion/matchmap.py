@@ -17,7 +17,8 @@ from common.errors import Unmergeable
 from common.fusion.features import Features, find_features
 from common.fusion.nearest import NearestWall, nearest_wall
 from common.fusion.walls import Walls, find_walls, orientation_histogram
-from common.grid.grid import FREE, UNKNOWN, Grid
+from common.grid.grid import FREE, STOOD, UNKNOWN, Grid
+from common.grid.raster import sketched
 
 MARGIN_M = 0.6
 """unknown border kept around the known area, so that walls at its edge have a full neighbourhood"""
@@ -41,28 +42,32 @@ class MatchMap:
     """absolute cell (x, y) of [0, 0]"""
     resolution: float
     """m per cell"""
+    ground: NDArray[np.int8]
+    """as `occupancy`, but 1 where the robot itself stood: a wall that the other map has there is this robot"""
     _features: dict[int, Features] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, occupancy: NDArray[np.int8], origin_cell: tuple[int, int], resolution: float) -> MatchMap:
-        """A map from a raster (h, w) of -1, 0, 100. Raises Unmergeable when it is no such raster."""
+        """A map from a raster (h, w) of -1, 0, 1 (see STOOD), 100. Raises Unmergeable when it is no such raster."""
         if occupancy.ndim != 2 or not resolution > 0:
             raise Unmergeable(f"a map needs a raster (h, w) and a resolution > 0, got {occupancy.shape}, {resolution}")
         known = occupancy != UNKNOWN
         rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
         if not len(rows):
-            return cls(np.full((1, 1), UNKNOWN), origin_cell, resolution)
+            return cls(np.full((1, 1), UNKNOWN), origin_cell, resolution, np.full((1, 1), UNKNOWN))
         margin = round(MARGIN_M / resolution)
         y0, y1, x0, x1 = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
-        cropped = np.pad(occupancy[y0:y1, x0:x1].astype(np.int8), margin, constant_values=UNKNOWN)
-        cropped.setflags(write=False)
-        return cls(cropped, (origin_cell[0] + x0 - margin, origin_cell[1] + y0 - margin), resolution)
+        ground = np.pad(occupancy[y0:y1, x0:x1].astype(np.int8), margin, constant_values=UNKNOWN)
+        cropped = np.where(ground == STOOD, FREE, ground)
+        for cells in (ground, cropped):
+            cells.setflags(write=False)
+        return cls(cropped, (origin_cell[0] + x0 - margin, origin_cell[1] + y0 - margin), resolution, ground)
 
     @classmethod
     def from_grid(cls, grid: Grid) -> MatchMap:
         """A map from hit and visit counts."""
-        raster, origin = grid.occupancy()
-        return cls.of(raster, origin, grid.resolution)
+        counts, origin = grid.dense()
+        return cls.of(sketched(counts), origin, grid.resolution)
 
     @cached_property
     def origin(self) -> NDArray[np.float64]:

@@ -28,6 +28,8 @@ Counts = NDArray[np.uint16]
 Dense = NDArray[np.uint16]
 
 UNKNOWN, FREE, OCCUPIED = np.int8(-1), np.int8(0), np.int8(100)
+STOOD = np.int8(1)
+"""in sketches: free, and the robot whose map it is has stood there"""
 
 
 @dataclass

@@ -3,8 +3,9 @@
 To others a robot that stands still is a small wall: they see it again and again, while its own map, which knows the
 place as free, grows by few visits meanwhile. So the robot's own map says it for certain: cells that it saw free close
 to where it stood, and those under its body, hold no hits and all visits there can be (`CERTAIN`), and adding maps keeps
-that (see compose.py). What only drives past leaves few hits, which ordinary visits outweigh. SLAM itself never sees
-these marks.
+that (see compose.py). Sketches tell it as well, for a wall of another map that lies there says nothing about how two
+maps fit (see common/fusion/evidence.py). What only drives past leaves few hits, which ordinary visits outweigh. SLAM
+itself never sees these marks.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from common.grid.grid import OCCUPIED_RATIO, SATURATED, TILE, Counts, Grid, TileKey
 
 STOOD_S = 2.0
-"""s in one place that make it one where the robot has stood: a turn on the spot takes less"""
+"""s in one place that make it one where the robot has stood; a turn on the spot may be one"""
 STILL_M = 0.1
 """m that it may creep meanwhile"""
 NEAR_M = 0.5

@@ -29,7 +29,7 @@ def decode_counts(data: bytes, sender: str = "") -> Counts:
 
 
 def encode_occupancy(cells: NDArray[np.int8]) -> bytes:
-    """int8 (64, 64) of -1, 0, 100 as bytes; a wholly unknown tile is empty."""
+    """int8 (64, 64) of -1, 0, 1, 100 as bytes; a wholly unknown tile is empty."""
     return zstandard.ZstdCompressor(level=1).compress(cells.tobytes()) if (cells != -1).any() else b""
 
 
@@ -38,8 +38,8 @@ def decode_occupancy(data: bytes, sender: str = "") -> NDArray[np.int8]:
     if not data:
         return np.full((TILE, TILE), -1, np.int8)
     cells = np.frombuffer(_inflate(data, OCCUPANCY_BYTES, sender), np.int8).reshape(TILE, TILE)
-    if not np.isin(cells, (-1, 0, 100)).all():
-        raise BadMessage("tile holds values other than -1, 0 and 100", sender)
+    if not np.isin(cells, (-1, 0, 1, 100)).all():
+        raise BadMessage("tile holds values other than -1, 0, 1 and 100", sender)
     return cells
 
 
