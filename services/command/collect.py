@@ -37,8 +37,8 @@ from common.wire import (
 M = TypeVar("M", bound=Message)
 
 PATIENCE_S = 5.0
-TRIES = 5
-"""times that a map may change while it is being fetched"""
+RESTLESS_S = 15.0
+"""s that a map may go on changing while it is being fetched: when the world has moved, busy edges take a while to follow"""
 
 log = logging.getLogger(__name__)
 
@@ -70,17 +70,23 @@ class GlobalMap:
 
 
 async def global_map(bus: Bus) -> GlobalMap:
-    """The newest global map. Raises QueryFailed when there is none."""
-    for _ in range(TRIES):
+    """The newest global map, whole and with the world that it is drawn in. Raises QueryFailed when there is none."""
+    loop = asyncio.get_running_loop()
+    deadline = loop.time() + RESTLESS_S
+    while True:
         notice = await one(bus, keys.CLOUD_MAP, GlobalMapNotice)
         transforms = await one(bus, keys.CLOUD_TRANSFORMS, Transforms)
         if notice is None or transforms is None:
             raise QueryFailed("there is no global map yet; see `recslam status`", keys.CLOUD_MAP)
-        grid = await fetch_grid(bus)
+        try:
+            grid, told = await fetch_grid(bus), "the map went on changing"
+        except PeerError as error:
+            grid, told = Grid(notice.resolution), str(error)
         if grid.digest() == notice.digest and transforms.world_epoch == notice.world_epoch:
             return GlobalMap(notice, grid, transforms, await trajectories(bus, transforms))
+        if loop.time() > deadline:
+            raise QueryFailed(f"not to be had whole in {RESTLESS_S:g} s: {told}; try again", keys.CLOUD_MAP)
         await asyncio.sleep(0.2)
-    raise QueryFailed(f"the map changed {TRIES} times while it was being fetched; try again", keys.CLOUD_MAP)
 
 
 async def fetch_grid(bus: Bus) -> Grid:
