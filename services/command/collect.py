@@ -38,7 +38,7 @@ M = TypeVar("M", bound=Message)
 
 PATIENCE_S = 5.0
 RESTLESS_S = 15.0
-"""s that a map may go on changing while it is being fetched: when the world has moved, busy edges take a while to follow"""
+"""s that a map may go on changing while it is fetched: when the world has moved, busy edges take a while to follow"""
 
 log = logging.getLogger(__name__)
 
