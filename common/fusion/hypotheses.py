@@ -14,12 +14,11 @@ from common.fusion.bend import Bend, bend, weigh_bent
 from common.fusion.correlate import propose_by_correlation
 from common.fusion.evidence import AGREES, CONTRADICTS, Evidence, classify, weigh
 from common.fusion.features import propose_by_features
-from common.fusion.matchmap import MatchMap
+from common.fusion.matchmap import FIRST_SAMPLES, MatchMap
 from common.fusion.refine import FINAL_REACH_M, SIGMA_M, SPACING_M, refine, refine_all
 from common.fusion.settings import FusionSettings
 from common.fusion.walls import Walls
 
-QUICK_SAMPLES = 300
 QUICK_STEPS = 7
 APART_M, APART_RAD = 0.5, math.radians(5)
 """hypotheses nearer than both of these are one"""
@@ -78,7 +77,7 @@ def search(
 
 def settle(a: MatchMap, b: MatchMap, proposals: NDArray[np.float64], settings: FusionSettings) -> list[Hypothesis]:
     """Distinct hypotheses that refinement makes of proposed poses (n, 3) of b's frame in a's, best score first."""
-    quick = b.sample.at(np.arange(len(b.sample.points))[:QUICK_SAMPLES])
+    quick = b.sample.at(np.arange(len(b.sample.points))[:FIRST_SAMPLES])
     rough = refine_all(a, quick, proposals, settings.reach_m, QUICK_STEPS)
     middle = b.walls.points.mean(axis=0)
     sifted = rough[_sifted(a, b, quick, rough, settings)]
