@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from common.fusion.evidence import AGREES, CONTRADICTS, OUTSIDE, Evidence, classify_lines, tally, target
+from common.fusion.evidence import AGREES, CONTRADICTS, OUTSIDE, Evidence, Target, classify_lines, tally, target
 from common.fusion.matchmap import MatchMap
 from common.fusion.refine import refine_lines
 from common.fusion.settings import FusionSettings
@@ -62,7 +62,7 @@ def bend(a: MatchMap, b: MatchMap, pose: NDArray[np.float64], settings: FusionSe
     near = [[index.get((x + dx, y + dy), -1) for dy in (-1, 0, 1) for dx in (-1, 0, 1)] for x, y in places.tolist()]
     start, limits = np.asarray(pose, np.float64), (settings.max_bend_m, settings.max_bend_rad)
     surroundings = _around(points, middles)
-    poses, walls = _carry(start, limits, middles, np.array(near), surroundings, b.sample.lines, *target(a, settings))
+    poses, walls = _carry(start, limits, middles, np.array(near), surroundings, b.sample.lines, target(a, settings))
     return Bend(middles, poses, walls)
 
 
@@ -71,8 +71,8 @@ def weigh_bent(a: MatchMap, b: MatchMap, bent: Bend, settings: FusionSettings) -
     rigid = bent.poses[int(bent.walls.argmax())]
     patch_b = bent.nearest(b.sample.points)
     patch_a = bent.nearest(apply(inverse(rigid), a.sample.points))
-    in_a = _classify_each(patch_b, bent.poses, b.sample.lines, *target(a, settings))
-    in_b = _classify_each(patch_a, inverse(bent.poses), a.sample.lines, *target(b, settings))
+    in_a = _classify_each(patch_b, bent.poses, b.sample.lines, target(a, settings))
+    in_b = _classify_each(patch_a, inverse(bent.poses), a.sample.lines, target(b, settings))
     clashing = [apply(bent.poses[patch_b[k]], b.sample.points[k : k + 1]) for k in np.flatnonzero(in_a == CONTRADICTS)]
     return tally(a, b, in_a, in_b, np.concatenate([np.zeros((0, 2)), *clashing]), rigid)
 
@@ -151,23 +151,17 @@ def _carry(
     near: NDArray[np.int64],
     surroundings: tuple[NDArray[np.int64], NDArray[np.int64]],
     lines: NDArray[np.float64],
-    walls: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    nearest: NDArray[np.int32],
-    ground: NDArray[np.int8],
-    origin: NDArray[np.float64],
-    resolution: float,
-    agrees: float,
-    contradicts: float,
+    into: Target,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """(poses (n, 3), known walls (n,)) of the patches, those settled first that fit best where they are put."""
     count, (indices, ends) = len(middles), surroundings
+    walls, _, nearest, _, origin, resolution, _, _ = into
     poses, known, settled = np.empty((count, 3)), np.zeros(count, np.int64), np.zeros(count, np.bool_)
     queue = [(0.0, 0, 0.0, 0.0, 0.0) for _ in range(0)]
     for k in range(count):
         poses[k] = rigid
         around = lines[indices[ends[k] : ends[k + 1]]]
-        labels = classify_lines(rigid, around, walls, cells, nearest, ground, origin, resolution, agrees, contradicts)
+        labels = classify_lines(rigid, around, into)
         share, known[k] = _share(labels)
         if share >= ROOTED and known[k] >= MIN_WALLS:
             heapq.heappush(queue, (-share, k, rigid[0], rigid[1], rigid[2]))
@@ -189,9 +183,7 @@ def _carry(
         for other in near[k]:
             if other >= 0 and not settled[other]:
                 around = lines[indices[ends[other] : ends[other + 1]]]
-                labels = classify_lines(
-                    at, around, walls, cells, nearest, ground, origin, resolution, agrees, contradicts
-                )
+                labels = classify_lines(at, around, into)
                 share, known[other] = _share(labels)
                 heapq.heappush(queue, (-share, other, at[0], at[1], at[2]))
     return poses, known
@@ -212,20 +204,11 @@ def _classify_each(
     patch: NDArray[np.int64],
     poses: NDArray[np.float64],
     lines: NDArray[np.float64],
-    walls: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    nearest: NDArray[np.int32],
-    ground: NDArray[np.int8],
-    origin: NDArray[np.float64],
-    resolution: float,
-    agrees: float,
-    contradicts: float,
+    into: Target,
 ) -> NDArray[np.int8]:
     """Labels of walls each of which lies at the pose of its patch."""
     labels = np.zeros(len(lines), np.int8)
     for k in range(len(poses)):
         mine = np.flatnonzero(patch == k)
-        labels[mine] = classify_lines(
-            poses[k], lines[mine], walls, cells, nearest, ground, origin, resolution, agrees, contradicts
-        )
+        labels[mine] = classify_lines(poses[k], lines[mine], into)
     return labels

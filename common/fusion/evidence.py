@@ -8,7 +8,7 @@ scattered (clutter, people, a bent map); those of a wrong one join into blobs as
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -56,6 +56,21 @@ class Evidence(NamedTuple):
         return self.conflicting_m / self.judged_m if self.judged_m else 0.0
 
 
+Target = tuple[
+    NDArray[np.float64],
+    NDArray[np.int64],
+    NDArray[np.int32],
+    NDArray[np.int8],
+    NDArray[np.float64],
+    float,
+    float,
+    float,
+]
+"""A map that walls of another are judged in (a plain tuple, which compiled code takes quickest): lines (n, 6) and cells
+(n, 2) of its walls, index (h, w) of the nearest wall, ground (h, w), origin and resolution (see MatchMap), and in cells
+squared up to which distance a wall agrees with one of its walls, and from above which it contradicts"""
+
+
 def weigh(a: MatchMap, b: MatchMap, pose: NDArray[np.float64], settings: FusionSettings) -> Evidence:
     """The evidence about `pose`, the pose of b's frame in a's."""
     in_a = classify(a, b.sample, pose, settings)
@@ -85,11 +100,11 @@ def tally(
 
 def classify(into: MatchMap, sample: Walls, pose: NDArray[np.float64], settings: FusionSettings) -> NDArray[np.int8]:
     """OUTSIDE, AGREES, CONTRADICTS or NEITHER for each wall of a sample when its map lies at `pose` in `into`."""
-    return np.asarray(classify_lines(np.asarray(pose, np.float64), sample.lines, *target(into, settings)))
+    return np.asarray(classify_lines(np.asarray(pose, np.float64), sample.lines, target(into, settings)))
 
 
-def target(into: MatchMap, settings: FusionSettings) -> tuple[Any, ...]:
-    """What `classify_lines` takes after the walls to classify."""
+def target(into: MatchMap, settings: FusionSettings) -> Target:
+    """The map `into` as `classify_lines` takes it."""
     return (
         into.walls.lines,
         into.walls.cells,
@@ -140,22 +155,9 @@ def _clashing(labels: NDArray[np.int8], lines: NDArray[np.float64], pose: NDArra
 
 
 @njit(cache=True)
-def classify_lines(
-    pose: NDArray[np.float64],
-    lines: NDArray[np.float64],
-    walls: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    nearest: NDArray[np.int32],
-    ground: NDArray[np.int8],
-    origin: NDArray[np.float64],
-    resolution: float,
-    agrees: float,
-    contradicts: float,
-) -> NDArray[np.int8]:
-    """Labels of the walls `lines`; up to `agrees` and from above `contradicts`, in cells squared, a wall is one.
-
-    Where this map's own robot stood, a wall of the other's is this robot and says nothing.
-    """
+def classify_lines(pose: NDArray[np.float64], lines: NDArray[np.float64], into: Target) -> NDArray[np.int8]:
+    """Labels of the walls `lines`. Where the own robot of `into` stood, a wall is this robot and says nothing."""
+    walls, cells, nearest, ground, origin, resolution, agrees, contradicts = into
     labels = np.zeros(len(lines), np.int8)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     height, width = ground.shape
