@@ -72,9 +72,8 @@ class MarkedMap:
         """version of the kernel's map taken in"""
         self._places = np.empty((0, 2))
 
-    def follow(self, grid: Grid, trajectory: NDArray[np.float64]) -> None:
-        """Take in what has changed in `grid` and on the way since the last call; equal tiles keep their version."""
-        places = stands(trajectory)
+    def follow(self, grid: Grid, places: Places) -> None:
+        """Take in what has changed in `grid` and of the stands since the last call; equal tiles keep their version."""
         keys = set(grid.delta(self._seen))
         if not np.array_equal(places, self._places):
             keys |= {

@@ -9,7 +9,7 @@ from common.fusion.settings import FusionSettings
 from common.geometry.se2 import IDENTITY
 from common.grid import Grid
 from common.grid.raster import Raster
-from common.grid.standing import MarkedMap
+from common.grid.standing import MarkedMap, stands
 from common.grid.tiles import decode_occupancy, encode_occupancy
 
 STANDS = ((4.0, 2.0), (4.0, 2.45), (4.4, 2.2))
@@ -25,7 +25,7 @@ def test_the_other_maps_picture_of_a_robot_is_no_contradiction_where_that_robot_
     grid = Grid.from_dense(free, (0, 0), RESOLUTION)
     rows = [[10 * k + s, x + 0.5, y + 0.5, 0.0] for k, (x, y) in enumerate(STANDS) for s in (0.0, 3.0)]
     shown = MarkedMap(RESOLUTION, 0)
-    shown.follow(grid, np.array(rows))
+    shown.follow(grid, stands(np.array(rows)))
     other = MatchMap.from_grid(Grid.from_dense(seen, (0, 0), RESOLUTION))
     plain = weigh(MatchMap.from_grid(grid), other, IDENTITY, FusionSettings())
     told = weigh(MatchMap.from_grid(shown.grid), other, IDENTITY, FusionSettings())
@@ -36,7 +36,7 @@ def test_the_other_maps_picture_of_a_robot_is_no_contradiction_where_that_robot_
 
 def test_a_sketch_and_the_counts_that_it_is_of_make_the_same_map_for_matching() -> None:
     shown, sketch, received = MarkedMap(RESOLUTION, 0), Raster(RESOLUTION), Raster(RESOLUTION)
-    shown.follow(Grid.from_dense(apartment(3), (0, 0), RESOLUTION), np.array([[0.0, 4, 5.5, 0], [3.0, 4, 5.5, 0]]))
+    shown.follow(Grid.from_dense(apartment(3), (0, 0), RESOLUTION), np.array([[4.0, 5.5]]))
     sketch.follow(shown.grid)
     received.replace((key, decode_occupancy(encode_occupancy(cells))) for key, cells in sketch.tiles.items())
     from_counts, from_sketch = MatchMap.from_grid(shown.grid), MatchMap.of(*received.dense(), RESOLUTION)

@@ -40,7 +40,7 @@ def at(grid: Grid, x: float, y: float) -> tuple[int, int]:
 
 def shown(grid: Grid, trajectory: NDArray[np.float64]) -> Grid:
     map_ = MarkedMap(CELL_M, 0)
-    map_.follow(grid, trajectory)
+    map_.follow(grid, stands(trajectory))
     return map_.grid
 
 
@@ -86,11 +86,11 @@ def test_unseen_cells_are_only_marked_where_the_body_stood() -> None:
 
 def test_a_stand_that_the_kernel_moves_is_marked_where_it_is_now_and_only_there() -> None:
     map_, grid = MarkedMap(CELL_M, 0), room()
-    map_.follow(grid, way((3, 0, 0)))
+    map_.follow(grid, stands(way((3, 0, 0))))
     version = map_.grid.version
-    map_.follow(grid, way((3, 0, 0)))
+    map_.follow(grid, stands(way((3, 0, 0))))
     assert map_.grid.version == version  # nothing new, nothing to send
-    map_.follow(grid, way((3, 0, 0)) + np.array([0, 1.2, 0, 0]))
+    map_.follow(grid, stands(way((3, 0, 0))) + np.array([1.2, 0]))
     assert at(map_.grid, 0.0, 0.0) == (0, 10)
     assert at(map_.grid, 1.2, 0.0) == (0, CERTAIN)
     assert not certain(grid.dense()[0]).any()  # the kernel's own map is left alone

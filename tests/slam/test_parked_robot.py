@@ -6,7 +6,7 @@ import pytest
 from common.grid import Grid
 from common.grid.compose import add, cap_votes
 from common.grid.render import render
-from common.grid.standing import MarkedMap
+from common.grid.standing import MarkedMap, stands
 from common.sim import SimulatedRobot, load_scene
 from common.sim.scene import Scene
 from services.edge_worker.slam.kernel import create
@@ -38,7 +38,7 @@ def test_a_robot_that_stands_where_others_see_it_is_no_wall_in_the_common_map(li
             kernel.process(pack(sweep, name, "0" * 32, seq))
         kernel.finish()
         shown = MarkedMap(CELL_M, 0)
-        shown.follow(kernel.map(), kernel.trajectory())
+        shown.follow(kernel.map(), stands(kernel.trajectory()))
         for grids, grid in ((plain, kernel.map()), (marked, shown.grid)):
             grids.append(cap_votes(render(grid, robot.pose(0.0), CELL_M), 255))
     assert walls_near(add(plain), x, y) > 10

@@ -10,13 +10,15 @@ import pytest
 RUN = """
 import gc, sys
 from numba.core.dispatcher import Dispatcher
+from common.grid.standing import stands
 from common.sim import SimulatedRobot, load_scene
 from services.edge_worker.slam.host import SlamHost
 from services.edge_worker.slam.kernel import create
 from services.robot_agent.packing import pack
 
 def loaded():
-    ours = [d for d in gc.get_objects() if isinstance(d, Dispatcher) and d.py_func.__module__.startswith("services.")]
+    known = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
+    ours = [d for d in known if d.py_func.__module__.startswith(("services.", "common.grid."))]
     return {(d.py_func.__qualname__, str(s)) for d in ours for s in d.signatures}
 
 kernel = sys.argv[1]
@@ -32,6 +34,7 @@ for measured in (True, False):
             slam.restore(data)
         slam.process(pack(sweep, "r1", "0" * 32, seq))
         slam.map()
+        stands(slam.trajectory())
     slam.finish()
 print(len(warm), sorted(loaded() - warm))
 """

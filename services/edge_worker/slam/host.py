@@ -12,7 +12,7 @@ import numpy as np
 from common.errors import UsageError
 from common.grid.paging import page
 from common.grid.raster import Raster
-from common.grid.standing import MarkedMap
+from common.grid.standing import MarkedMap, Places, stands
 from common.grid.tiles import encode_counts, encode_occupancy
 from common.grid.versions import first_version
 from common.wire import Frame, TrajectoryPage, decode, encode
@@ -35,6 +35,8 @@ class Instance:
     seq: int = -1
     """last frame taken"""
     final: bool = False
+    places: Places | None = None
+    """where the robot has stood; None since a frame may have changed that"""
     spent_s: float = 0.0
     recent: deque[tuple[float, float]] = field(default_factory=deque)
     """(end, duration) of scans, s"""
@@ -75,7 +77,7 @@ class SlamHost:
         begin = time.perf_counter()
         estimate = instance.kernel.process(frame)
         end = time.perf_counter()
-        instance.seq, instance.final = frame.seq, False
+        instance.seq, instance.final, instance.places = frame.seq, False, None
         instance.spent_s += end - begin
         instance.recent.append((end, end - begin))
         while end - instance.recent[0][0] > RECENT_S:
@@ -85,13 +87,15 @@ class SlamHost:
     def finish(self, robot: str) -> None:
         """The robot's stream has ended: refine once more; the map is final, also when the refinement fails."""
         instance = self._instance(robot)
-        instance.final = True
+        instance.final, instance.places = True, None
         instance.kernel.finish()
 
     def news(self, robot: str) -> dict[str, Any]:
         """Version of the map and what it contains, after taking everything in."""
         instance = self._instance(robot)
-        instance.shown.follow(instance.kernel.map(), instance.kernel.trajectory())
+        if instance.places is None:
+            instance.places = stands(instance.kernel.trajectory())
+        instance.shown.follow(instance.kernel.map(), instance.places)
         grid = instance.shown.grid
         instance.sketch.follow(grid)
         return {

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from common.grid.standing import stands
 from common.wire import Frame, LaserScan
 from services.edge_worker.slam.kernel import create
 
@@ -36,6 +37,7 @@ def warmup(*names: str) -> None:
             kernel.process(frame)
         kernel.finish()
         kernel.map()
+        stands(kernel.trajectory())
         create(name, settings).restore(kernel.snapshot())
 
 
