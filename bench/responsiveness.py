@@ -15,6 +15,7 @@ from bench.synthetic_cluster import SyntheticCluster
 from common.bus import Bus, keys
 from common.config import SchedulerConfig
 from common.parent import Leash
+from common.service import forget_start
 from services.scheduler.events import (
     EdgeSeen,
     Interval,
@@ -49,6 +50,7 @@ async def responsiveness(robots: int, edges: int, policy: str, plans: int = 3) -
         update={"scheduler": SchedulerConfig(policy=policy, interval_s=600)}
     )
     stop = asyncio.Event()
+    forget_start()
     try:
         async with await Bus.open(endpoint, name="scheduler", role="scheduler") as bus:
             scheduler = Scheduler(fleet, bus, stop)
