@@ -4,7 +4,8 @@
 
 Runs the fleet, takes every version of the global map that it can, and compares each with the one before. Walls are
 compared patch by patch (2 x 2 m) and direction by direction: a patch has moved by the median step across its walls,
-of walls that run alike and lie within half a metre. Declared are the events that the cloud names: new world epochs.
+of walls that run alike and lie within half a metre. Declared are the events that the cloud names: new world epochs,
+and what SLAM has corrected within robot maps.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from common.fusion.walls import SAME_WAY, STRAIGHT
 from common.grid import Grid
 from common.grid.tiles import decode_counts
 from common.wire import GlobalMapNotice, Transforms
+from services.cloud_merger.changes import corrections
 from services.command.run_folder import RunFolder, read_cluster
 
 PATCH_M = 2.0
@@ -45,7 +47,7 @@ class Step:
     version: int
     epochs: tuple[int, int]
     declared: str
-    """what the cloud says about the new world epoch; empty: nothing is declared"""
+    """what the cloud says about the new world epoch and of robot maps; empty: nothing is declared"""
     worst_m: float
     """of all patches"""
     share_still: float
@@ -116,7 +118,7 @@ async def record(
                     grid = Grid(delta.resolution)
                 grid.replace([((tile.x, tile.y), decode_counts(tile.data, "cloud")) for tile in delta.tiles])
                 held = delta.version
-                told = notice.model_copy(update={"world_epoch": delta.world_epoch})
+                told = notice.model_copy(update={"world_epoch": delta.world_epoch, "covers": delta.covers})
                 versions.append((told, MatchMap.from_grid(grid)))
                 if notice.final and delta.final:
                     return
@@ -130,7 +132,8 @@ async def record(
 
 def compare(before: Version, after: Version, reasons: dict[int, str]) -> Step:
     epochs = before[0].world_epoch, after[0].world_epoch
-    told = [reasons.get(epoch, "a new world epoch") for epoch in range(epochs[0] + 1, epochs[1] + 1)]
+    told = list(corrections(after[0].covers, before[0].covers))
+    told += [reasons.get(epoch, "a new world epoch") for epoch in range(epochs[0] + 1, epochs[1] + 1)]
     moves = patches(before[1], after[1])
     half = after[1].resolution / 2
     worst, still = (float(moves.max()), float((moves <= half).mean())) if len(moves) else (0.0, 1.0)

@@ -39,6 +39,10 @@ class Cover(Part):
     """last frame contained"""
     epoch: Epoch
     """routing epoch of the instance that made it"""
+    corrections: int = 0
+    """how often SLAM has moved what the robot's map had shown before"""
+    corrected_m: float = 0.0
+    """by how much at most the last time, metres"""
 
 
 Covers = dict[Name, Cover]

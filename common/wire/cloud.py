@@ -114,6 +114,8 @@ class GlobalMapNotice(Message):
     components: tuple[Component, ...]
     covers: Covers
     trace: Trace
+    corrections: tuple[str, ...] = ()
+    """what SLAM has moved in robot maps since the version before: walls have moved although the world has not"""
 
 
 class CloudStatus(Message):

@@ -1,4 +1,7 @@
-"""What a new world changes of the one before, in words: every move of the frame is declared, un-merges first of all."""
+"""What is different from before, in words: every move of walls is declared, un-merges first of all.
+
+A new world moves robot maps as wholes; SLAM moves what is within one, and then the world need not change.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from common.wire import Placed
+from common.wire import Covers, Placed
 
 STEADY_M, STEADY_RAD = 0.02, 0.002
 """live transforms that move less than this stay as published: the frame does not tremble"""
@@ -43,6 +46,19 @@ def parted(placed: Mapping[str, Placed], old: Mapping[str, Placed]) -> list[tupl
         first, *others = groups.values()
         found += [(first[0], tuple(group)) for group in others]
     return found
+
+
+def corrections(covers: Covers, before: Covers) -> tuple[str, ...]:
+    """Robots whose own map has moved within from one version of the global map to another, and by how much."""
+    told = []
+    for name in sorted(covers.keys() & before.keys()):
+        now, old = covers[name], before[name]
+        if (now.stream, now.epoch) != (old.stream, old.epoch) or now.corrections < old.corrections:
+            told.append(f"the map of {name} was made anew")
+        elif now.corrections > old.corrections:
+            more = f", the last of {now.corrections - old.corrections}" if now.corrections > old.corrections + 1 else ""
+            told.append(f"SLAM corrected the map of {name} by up to {now.corrected_m:.3f} m{more}")
+    return tuple(told)
 
 
 def _correction(placed: Mapping[str, Placed], old: Mapping[str, Placed]) -> str:

@@ -129,6 +129,8 @@ class Compose:
     world: Transforms
     covers: Covers
     final: bool
+    corrections: tuple[str, ...]
+    """what has moved in robot maps since the last composition"""
 
 
 Instruction = FetchSketch | FetchPart | Forget | Solve | Compose

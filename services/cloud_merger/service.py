@@ -56,6 +56,8 @@ class CloudMerger:
         self._transfers: dict[str, float] = {}
         self._stages: dict[str, float] = {}
         self._shown: GlobalMapNotice | None = None
+        self._whole = asyncio.Lock()
+        """the merging process holds the map that is shown, not one that nobody was told of"""
         self._problems: deque[str] = deque(maxlen=16)
         self._links, self._tasks = LinkMeter(), asyncio.TaskGroup()
 
@@ -205,22 +207,26 @@ class CloudMerger:
 
     async def _compose(self, step: merging.Compose) -> None:
         try:
-            done = await self._call("compose", versions=dict(step.versions))
+            async with self._whole:
+                done = await self._call("compose", versions=dict(step.versions))
+                if step.final:  # before anybody is told that the map is final
+                    await self._export()
+                await self._show(step, done)
         except WorkerError as error:
             self._problem(f"compose: {error}")
-            done = None
-        if done is None:
             self._feed(merging.Composed(well=False))
             return
-        out = self._fleet.cloud.out
-        if step.final and out is not None:  # before anybody is told that the map is final
-            try:
-                await self._call("export", folder=str(out))
-                log.info("final map exported", extra={"folder": out})
-            except WorkerError as error:
-                self._problem(f"cloud.out {out}: {error}")
-        await self._show(step, done)
         self._feed(merging.Composed(well=True))
+
+    async def _export(self) -> None:
+        out = self._fleet.cloud.out
+        if out is None:
+            return
+        try:
+            await self._call("export", folder=str(out))
+            log.info("final map exported", extra={"folder": out})
+        except WorkerError as error:
+            self._problem(f"cloud.out {out}: {error}")
 
     async def _show(self, step: merging.Compose, done: Mapping[str, Any]) -> None:
         self._stages["fuse"] = done["seconds"] + self._stages.get("solve", 0.0)
@@ -233,6 +239,7 @@ class CloudMerger:
             digest=done["digest"],
             components=step.world.components,
             covers=step.covers,
+            corrections=step.corrections,
             trace=trace(
                 step.versions, self.state.edge_maps, robot_maps, self._statuses, self._transfers, self._stages["fuse"]
             ),
@@ -240,14 +247,17 @@ class CloudMerger:
         self._shown = notice
         await self._bus.latch(keys.CLOUD_MAP, notice)
         contents = {"robots": len(notice.covers), "components": len(notice.components), "final": notice.final}
-        log.info("global map", extra={"version": count_of(notice.version)} | contents)
+        log.info("global map", extra={"version": count_of(notice.version), **contents})
+        for correction in notice.corrections:
+            log.info("correction", extra={"version": count_of(notice.version), "reason": correction})
 
     async def _tiles(self, key: str, params: Mapping[str, str]) -> Message:
-        shown = self._shown
-        if shown is None:
-            raise PeerError("no global map yet; wait for the first notice", "cloud")
         since, cursor = int(params.get("since", "0")), params.get("cursor", "")
-        page = await self._call("tiles", since=since, cursor=cursor, limit_bytes=TILE_BYTES)
+        async with self._whole:
+            shown = self._shown
+            if shown is None:
+                raise PeerError("no global map yet; wait for the first notice", "cloud")
+            page = await self._call("tiles", since=since, cursor=cursor, limit_bytes=TILE_BYTES)
         return tile_page("cloud", "counts", page, shown.covers, shown.final, shown.world_epoch)
 
     async def _report(self) -> None:

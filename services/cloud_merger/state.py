@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from common.fusion.cycles import Pair
 from common.fusion.pairs import all_pairs, complete
 from common.wire import Covers, EdgeMapNotice, Epoch, MapNotice, PairVerdict, Routes, Transforms
-from services.cloud_merger.changes import parted
+from services.cloud_merger.changes import corrections, parted
 from services.cloud_merger.events import (
     Compose,
     Composed,
@@ -62,11 +62,12 @@ class CloudState:
     fetching: dict[str, FetchSketch | FetchPart] = field(default_factory=dict)
     """robot/<rid> or edge/<eid> → the fetch under way"""
     solving: bool = False
-    composing: bool = False
+    composing: Covers | None = None
+    """what the map being composed contains"""
     waited: int = 0
     """ticks since the last composition on which the map would have shrunk"""
-    shown: frozenset[str] = frozenset()
-    """robots that the global map was last composed of"""
+    shown: Covers = field(default_factory=dict)
+    """what the global map contains"""
     changed: bool = False
     """sketches or verdicts are newer than the world"""
     composed: tuple[object, ...] = ()
@@ -99,9 +100,7 @@ class CloudState:
             case Solved(transforms):
                 return self._solved(transforms)
             case Composed(well):
-                self.composing = False
-                self.composed = self.composed if well else ()
-                return self._compose() if well else []
+                return self._was_composed(well)
             case Tick():
                 fetches = [step for robot in sorted(self.members) for step in self._fetch_sketch(robot)]
                 parts = [step for edge in self.fusing_edges() for step in self._fetch_part(edge)]
@@ -248,7 +247,7 @@ class CloudState:
         return self._compose()
 
     def _compose(self) -> list[Instruction]:
-        if self.world is None or self.composing or self._held():
+        if self.world is None or self.composing is not None or self._held():
             return []
         parts = self._rendered()
         covers = together(parts, self._fused_at)
@@ -262,9 +261,16 @@ class CloudState:
         makeup = (self.world.world_epoch, final, versions)
         if makeup == self.composed or not covers:
             return []
-        self.composing, self.composed, self.waited = True, makeup, 0
-        self.shown = frozenset(covers)
-        return [Compose(versions, self.world, covers, final)]
+        self.composing, self.composed, self.waited = covers, makeup, 0
+        return [Compose(versions, self.world, covers, final, corrections(covers, self.shown))]
+
+    def _was_composed(self, well: bool) -> list[Instruction]:
+        covers, self.composing = self.composing, None
+        if not well:
+            self.composed = ()
+            return []
+        self.shown = covers or {}
+        return self._compose()
 
     def _rendered(self) -> dict[str, Part]:
         """Edge maps of the present world."""
@@ -285,7 +291,7 @@ class CloudState:
         if self.parts.keys() & set(self.fusing_edges()) != rendered.keys():
             return True
         covers = together(rendered, self._fused_at)
-        return covers is not None and not self.shown & self.members.keys() <= covers.keys()
+        return covers is not None and not self.shown.keys() & self.members.keys() <= covers.keys()
 
     def _final_covers(self) -> Covers | None:
         """What the final map must contain, all of every robot; None while one has no map of its present epoch."""

@@ -67,7 +67,7 @@ class RobotMaps:
             epoch=instance.epoch,
             version=news["version"],
             resolution=news["resolution"],
-            cover=_cover(instance, news["seq"]),
+            cover=_cover(instance, news),
             final=final,
             slam_s=news["slam_s"],
             transfer_s=sum(delays) / len(delays),
@@ -87,7 +87,7 @@ class RobotMaps:
             limit_bytes=TILE_BYTES,
         )
         final = bool(page["final"]) and instance.phase is Phase.FINAL
-        covers = {robot: _cover(instance, page["seq"])} if instance.stream else {}
+        covers = {robot: _cover(instance, page)} if instance.stream else {}
         return tile_page(f"robot/{robot}", kind, page, covers, final, 0)
 
     async def _trajectory(self, key: str, params: Mapping[str, str]) -> Message:
@@ -102,5 +102,11 @@ class RobotMaps:
         return robot, self._state.instances[robot]
 
 
-def _cover(instance: Instance, seq: int) -> Cover:
-    return Cover(stream=instance.stream, seq=seq, epoch=instance.epoch)
+def _cover(instance: Instance, news: Mapping[str, Any]) -> Cover:
+    return Cover(
+        stream=instance.stream,
+        seq=news["seq"],
+        epoch=instance.epoch,
+        corrections=news["corrections"],
+        corrected_m=news["corrected_m"],
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Any
 
 from common.wire import (
     Cover,
@@ -43,8 +44,8 @@ from services.cloud_merger.state import CloudState
 STREAM = "a" * 32
 
 
-def cover(seq: int, epoch: Epoch = (1, 1)) -> Cover:
-    return Cover(stream=STREAM, seq=seq, epoch=epoch)
+def cover(seq: int, epoch: Epoch = (1, 1), **corrected: Any) -> Cover:
+    return Cover(stream=STREAM, seq=seq, epoch=epoch, **corrected)
 
 
 def routes(

@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 import pytest
-from cloud_samples import map_notice, routes
+from cloud_samples import cover, edge_notice, map_notice, routes
 
 from common.wire import FixedPose, Placed, Transforms
-from services.cloud_merger.changes import parted, reason
-from services.cloud_merger.events import MapNoticed, Routed, SketchFetched, Solve, Solved, Tick
+from services.cloud_merger.changes import corrections, parted, reason
+from services.cloud_merger.events import (
+    Compose,
+    Composed,
+    EdgeMapNoticed,
+    FetchPart,
+    FetchSketch,
+    MapNoticed,
+    PartFetched,
+    Routed,
+    SketchFetched,
+    Solve,
+    Solved,
+    Tick,
+)
 from services.cloud_merger.state import CloudState
 
 
@@ -40,6 +53,47 @@ MERGED, APART = world(a="a", b="a", c="a"), world(a="a", b="b", c="b")
 )
 def test_what_moves_the_world_is_named(now: dict[str, Placed], told: str) -> None:
     assert reason(now, MERGED, was_final=False, final=False) == told
+
+
+def test_what_slam_moves_within_a_robot_map_is_named_though_the_world_stays() -> None:
+    before = {"a": cover(5), "b": cover(5)}
+    now = {"a": cover(9, corrections=2, corrected_m=0.0651), "b": cover(9)}
+    assert corrections(now, before) == ("SLAM corrected the map of a by up to 0.065 m, the last of 2",)
+    assert corrections(now, now) == ()
+
+
+def test_a_map_that_another_instance_made_is_named_and_one_that_has_come_is_not_a_correction() -> None:
+    before = {"a": cover(5, corrections=3)}
+    assert corrections({"a": cover(5, epoch=(1, 2))}, before) == ("the map of a was made anew",)
+    assert corrections({"a": cover(5)}, before) == ("the map of a was made anew",)
+    assert corrections({**before, "b": cover(1, corrections=4)}, before) == ()
+
+
+def test_a_correction_is_told_with_the_map_that_shows_it_also_after_a_composition_that_failed() -> None:
+    state = CloudState()
+    state.handle(Routed(routes(1, {"a": "e1"})))
+    state.handle(MapNoticed(map_notice("a", "e1", 1)))
+    sketch = next(step for step in state.handle(Tick()) if isinstance(step, FetchSketch))
+    state.handle(SketchFetched(sketch))
+    state.handle(Solved(transforms(1, world(a="a"))))
+
+    def composed(version: int, times: int) -> Compose:
+        covers = {"a": cover(version, corrections=times, corrected_m=0.5)}
+        state.handle(EdgeMapNoticed(edge_notice("e1", version, 1, covers)))
+        fetch = next(step for step in state.handle(Tick()) if isinstance(step, FetchPart))
+        came = state.handle(PartFetched(fetch, version, 1, covers, final=False))
+        return next(step for step in came if isinstance(step, Compose))
+
+    assert composed(1, times=1).corrections == ()
+    state.handle(Composed(well=True))
+    told = ("SLAM corrected the map of a by up to 0.500 m",)
+    assert composed(2, times=2).corrections == told
+    state.handle(Composed(well=False))
+    (again,) = state.handle(Tick())
+    assert isinstance(again, Compose)
+    assert again.corrections == told
+    state.handle(Composed(well=True))
+    assert composed(3, times=2).corrections == ()
 
 
 def test_an_un_merge_is_named_also_when_the_final_world_brings_it() -> None:

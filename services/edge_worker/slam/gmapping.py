@@ -20,6 +20,7 @@ from common.geometry import between, compose, wrap
 from common.grid import Grid
 from common.wire import Frame
 from services.edge_worker.slam import gmapping_settings, gmapping_snapshot
+from services.edge_worker.slam.corrections import Corrections
 from services.edge_worker.slam.gmapping_settings import GMappingSettings
 from services.edge_worker.slam.kernel import Estimate
 from services.edge_worker.slam.particle_chart import ParticleChart
@@ -72,6 +73,10 @@ class GMapping:
     def best(self) -> int:
         """The particle whose ancestry explains all scans best."""
         return int(np.argmax(self.evidence))
+
+    @property
+    def corrections(self) -> Corrections:
+        return self.chart.corrections
 
     def process(self, frame: Frame) -> Estimate:
         """Take the next frame. A frame without usable beams moves the pose by odometry only."""

@@ -18,6 +18,7 @@ from common.geometry.pose_graph import PoseGraph
 from common.grid import Grid
 from common.wire import Frame
 from services.edge_worker.slam import graph_settings, graph_snapshot, thinning
+from services.edge_worker.slam.corrections import Corrections
 from services.edge_worker.slam.graph_settings import GraphSettings
 from services.edge_worker.slam.kernel import Estimate
 from services.edge_worker.slam.keyframe import Keyframe
@@ -61,6 +62,10 @@ class GraphSlam:
     def create(cls, settings: Mapping[str, Any], seed: int) -> GraphSlam:
         """A new kernel; `seed` is not used, as nothing is random. Raises ConfigError naming the field."""
         return cls(graph_settings.read(settings))
+
+    @property
+    def corrections(self) -> Corrections:
+        return self.rendering.corrections
 
     def process(self, frame: Frame) -> Estimate:
         scan = self.reader.read(frame)

@@ -103,6 +103,8 @@ class SlamHost:
             "resolution": grid.resolution,
             "seq": instance.seq,
             "final": instance.final,
+            "corrections": instance.kernel.corrections.times,
+            "corrected_m": instance.kernel.corrections.metres,
             "slam_s": instance.spent_s,
             "scan_s": sum(seconds for _, seconds in instance.recent) / max(1, len(instance.recent)),
         }

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from common.errors import ConfigError
 from common.grid import Grid
 from common.wire import Frame
+from services.edge_worker.slam.corrections import Corrections
 
 ENTRY_POINT_GROUP = "recslam.kernels"
 
@@ -31,6 +32,11 @@ class Estimate(NamedTuple):
 
 class Kernel(Protocol):
     """One robot's SLAM."""
+
+    @property
+    def corrections(self) -> Corrections:
+        """What has been moved of what the map showed."""
+        ...
 
     def process(self, frame: Frame) -> Estimate:
         """Take the next frame. A frame without usable beams moves the pose by odometry only."""

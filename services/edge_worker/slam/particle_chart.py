@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.grid import Grid
+from services.edge_worker.slam.corrections import Corrections
 from services.edge_worker.slam.particle_tree import Generation, ParticleTree, Pose
 from services.edge_worker.slam.raycast import Canvas
 
@@ -24,6 +25,7 @@ class ParticleChart:
     def __init__(self, resolution_m: float) -> None:
         self.grid = Grid(resolution_m)
         self.canvas = Canvas(resolution_m)
+        self.corrections = Corrections(resolution_m)
         self.drawn: list[Pose] = []
         """where the tree's first unsettled generations are drawn"""
         self.followed: tuple[int, int] | None = None
@@ -46,6 +48,7 @@ class ParticleChart:
             self._draw(pose, generation, 1)
             self.drawn.append(pose)
         self.canvas.publish(self.grid)
+        self.corrections.shown()
         self.followed = None if left else (len(tree), particle)
 
     def settle(self, fixed: list[tuple[Pose, Generation]]) -> None:
@@ -59,6 +62,7 @@ class ParticleChart:
 
     def _move(self, row: int, pose: Pose, generation: Generation) -> None:
         if not np.array_equal(self.drawn[row], pose):
+            self.corrections.moves(generation.points, self.drawn[row], pose)
             self._draw(self.drawn[row], generation, -1)
             self._draw(pose, generation, 1)
             self.drawn[row] = pose

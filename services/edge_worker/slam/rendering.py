@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.grid import Grid
+from services.edge_worker.slam.corrections import Corrections
 from services.edge_worker.slam.keyframe import Keyframe
 from services.edge_worker.slam.raycast import Canvas
 
@@ -25,6 +26,7 @@ class Rendering:
 
     def __init__(self, resolution: float) -> None:
         self.grid = Grid(resolution)
+        self.corrections = Corrections(resolution)
         self._canvas = Canvas(resolution)
         self._drawn = np.empty((0, 3), np.int64)
         self._steps = np.array([resolution * ROUND_CELLS, resolution * ROUND_CELLS, ROUND_RAD])
@@ -33,6 +35,8 @@ class Rendering:
         """The grid with every keyframe at its pose (n, 3)."""
         wanted = np.rint(poses / self._steps).astype(np.int64)
         moved = np.flatnonzero((wanted[: len(self._drawn)] != self._drawn).any(axis=1))
+        for k in moved.tolist():
+            self.corrections.moves(keyframes[k].points, self._drawn[k] * self._steps, wanted[k] * self._steps)
         if len(moved) > ANEW_SHARE * len(self._drawn):
             self._canvas.clear()
             self._drawn = self._drawn[:0]
@@ -44,6 +48,7 @@ class Rendering:
             self._draw(keyframes[k], wanted[k], 1)
         self._drawn = wanted
         self._canvas.publish(self.grid)
+        self.corrections.shown()
         return self.grid
 
     def forget(self, keyframes: list[Keyframe], gone: NDArray[np.int64]) -> None:
