@@ -1,6 +1,6 @@
 """How still the world stands: walls of consecutive versions of the global map, matched and compared.
 
-    python -m bench.frame [--fleet apartment] [--seconds 600]
+    python -m bench.frame [--fleet apartment] [--seconds 600] [--realtime] [--noise hostile]
 
 Runs the fleet, takes every version of the global map that it can, and compares each with the one before. Walls are
 compared patch by patch (2 x 2 m) and direction by direction: a patch has moved by the median step across its walls,
@@ -26,6 +26,7 @@ import numpy as np
 from bench.results import append
 from common.bus import Bus, keys
 from common.bus.tiles import fetch_tiles
+from common.config import Fleet
 from common.errors import PeerError
 from common.fusion.matchmap import MatchMap
 from common.fusion.walls import SAME_WAY, STRAIGHT
@@ -33,6 +34,7 @@ from common.grid import Grid
 from common.grid.tiles import decode_counts
 from common.wire import GlobalMapNotice, Transforms
 from services.cloud_merger.changes import corrections
+from services.command import fleets
 from services.command.run_folder import RunFolder, read_cluster
 
 PATCH_M = 2.0
@@ -59,9 +61,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--fleet", default="apartment")
     parser.add_argument("--seconds", type=float, default=600.0, help="stop here at the latest")
+    parser.add_argument("--realtime", action="store_true", help="robots drive by the clock, so that more versions come")
+    parser.add_argument("--noise", default="good", help="of wheels and gyros")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        command = [str(Path(sys.executable).with_name("recslam")), "up", options.fleet, "--out", folder, "--keep"]
+        file = Path(folder) / "frame.toml"
+        fleets.write(fleet(options), file)
+        command = [str(Path(sys.executable).with_name("recslam")), "up", str(file), "--out", folder, "--keep"]
         run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             versions, reasons = asyncio.run(record(RunFolder(Path(folder)), run, options.seconds))
@@ -80,7 +86,15 @@ def main() -> None:
     quiet = [step for step in steps if not step.declared]
     moved = sum(step.worst_m > half for step in quiet)
     print(f"{len(steps)} steps, {len(steps) - len(quiet)} declared; {moved} of the others moved by over half a cell")
-    append("frame", {options.fleet: [asdict(step) for step in steps]})
+    append("frame", {f"{options.fleet}, {options.noise} wheels": [asdict(step) for step in steps]})
+
+
+def fleet(options: argparse.Namespace) -> Fleet:
+    loaded = fleets.load_fleet(options.fleet, robot={"realtime": options.realtime})
+    robots = [entry.model_dump() for entry in loaded.robots]
+    return fleets.revised(
+        loaded, robots=[{**robot, "source": {**robot["source"], "noise": options.noise}} for robot in robots]
+    )
 
 
 Version = tuple[GlobalMapNotice, MatchMap]

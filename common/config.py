@@ -112,6 +112,8 @@ class SimSource(Section):
     turn_radps: Annotated[float, Field(gt=0)] = 0.8
     imu: bool = True
     wheels: bool = True
+    noise: Literal["none", "good", "worn", "slippery", "hostile"] = "good"
+    """how wrong wheels and gyro are"""
 
 
 class CarmenSource(Section):

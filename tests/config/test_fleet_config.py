@@ -51,6 +51,10 @@ def test_the_environment_goes_before_the_file_and_leaves_its_neighbours_alone(
         ("[edge]\nwindow = 0", "edge.window"),
         ("[[robots]]\nid = 'r 1'\nsource = { kind = 'sim', scene = 'apartment' }", "robots.0.id"),
         ("[[robots]]\nid = 'r1'\nsource = { kind = 'film', scene = 'apartment' }", "robots.0.source"),
+        (
+            "[[robots]]\nid = 'r1'\nsource = { kind = 'sim', scene = 'apartment', noise = 'loud' }",
+            "robots.0.source.sim.noise",
+        ),
         ("[[edges]]\nid = 'e'\n[[edges]]\nid = 'e'", "edges: e named twice"),
     ],
 )

@@ -34,6 +34,7 @@ class Simulator:
             imu=entry.imu,
             wheels=entry.wheels,
             peers=peers,
+            noise=entry.noise,
         )
         self.profile = SourceProfile(
             name=f"simulation of {entry.scene}",
