@@ -206,17 +206,17 @@ class CloudMerger:
         self._feed(merging.Solved(transforms))
 
     async def _compose(self, step: merging.Compose) -> None:
-        try:
-            async with self._whole:
+        async with self._whole:
+            try:
                 done = await self._call("compose", versions=dict(step.versions))
+            except WorkerError as error:
+                self._problem(f"compose: {error}")
+                done = None
+            if done is not None:
                 if step.final:  # before anybody is told that the map is final
                     await self._export()
                 await self._show(step, done)
-        except WorkerError as error:
-            self._problem(f"compose: {error}")
-            self._feed(merging.Composed(well=False))
-            return
-        self._feed(merging.Composed(well=True))
+        self._feed(merging.Composed(well=done is not None))
 
     async def _export(self) -> None:
         out = self._fleet.cloud.out
