@@ -2,7 +2,8 @@
 
 Two walls and two cross walls coincide wherever rooms are alike, with hardly a contradiction and without a rival in
 these two maps. So a small overlap must agree in more than that: in detail beyond a few straight lines, or in so much
-wall that no other placement comes near, and without a contradiction in one piece, which a door in another place is.
+wall that no other placement comes near. And every door in another place counts against it, in full: a small overlap
+leaves drift no room, so that a wall contradicts as soon as it is farther from the other map's than one that agrees.
 """
 
 from __future__ import annotations
@@ -10,7 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from common.fusion.evidence import AGREES, classify
+from common.fusion.bend import Bend, weigh_bent
+from common.fusion.decide import NOISE_M
+from common.fusion.evidence import AGREES, classify, pieces_m, weigh
 from common.fusion.matchmap import MatchMap
 from common.fusion.settings import FusionSettings
 from common.fusion.walls import STRAIGHT
@@ -24,17 +27,31 @@ TRIED = 120
 
 LEAD_WORTH = 0.4
 """metres of detail that a metre's lead over the best other placement is worth"""
-BLOB_PRICE = 7.0
-"""metres of detail that a metre of coherent contradiction outweighs"""
+PIECE_PRICE = 5.0
+"""metres of detail that a metre of contradicting wall outweighs: a door, of which some 0.7 m are seen, outweighs what a
+merge must be set apart by at least"""
 
 
-def distinction_m(detail_m: float, lead_m: float, blob_m: float) -> float:
-    """How far a placement is set apart: its detail, its lead over the best other one, its largest contradiction, all m.
+def distinction_m(detail_m: float, lead_m: float, against_m: float) -> float:
+    """How far a placement is set apart: its detail, its lead over the best other one, what contradicts it, all m.
 
     The weights part right placements of real maps with little detail from wrong ones of drawn buildings full of rooms
     alike (a logistic regression, rounded).
     """
-    return detail_m + LEAD_WORTH * lead_m - BLOB_PRICE * blob_m
+    return detail_m + LEAD_WORTH * lead_m - PIECE_PRICE * against_m
+
+
+def against_m(
+    a: MatchMap, b: MatchMap, pose: NDArray[np.float64], bent: Bend | None, settings: FusionSettings
+) -> float:
+    """Metres of wall of both maps that contradict in pieces as large as a thing, b's frame being at `pose` in a's.
+
+    A wall in the other's free space contradicts from where it no longer agrees, without the room that drift needs.
+    """
+    strict = settings.model_copy(update={"contradiction_m": settings.tolerance_m})
+    told = weigh(a, b, pose, strict) if bent is None else weigh_bent(a, b, bent, strict)
+    pieces = pieces_m(told.clashing)
+    return float(pieces[pieces > NOISE_M].sum())
 
 
 def detail_m(a: MatchMap, b: MatchMap, pose: NDArray[np.float64], settings: FusionSettings) -> float:

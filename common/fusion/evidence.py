@@ -45,7 +45,7 @@ class Evidence(NamedTuple):
     @property
     def blob_m(self) -> float:
         """Length of the largest coherent contradiction."""
-        return longest_blob(self.clashing)
+        return float(pieces_m(self.clashing).max(initial=0.0))
 
     @property
     def agreement(self) -> float:
@@ -117,16 +117,16 @@ def target(into: MatchMap, settings: FusionSettings) -> Target:
     )
 
 
-def longest_blob(points: NDArray[np.float64]) -> float:
-    """Length in m (0.2 m cells passed) of the largest connected group of points (n, 2)."""
+def pieces_m(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k,) lengths in m (0.2 m cells passed) of the connected groups of points (n, 2)."""
     if not len(points):
-        return 0.0
+        return np.zeros(0)
     cells = np.floor(points / BLOB_CELL_M).astype(np.int64)
     cells -= cells.min(axis=0)
     raster = np.zeros(cells.max(axis=0) + 1, np.uint8)
     raster[cells[:, 0], cells[:, 1]] = 1
-    count, labels = cv2.connectedComponents(raster, connectivity=8)
-    return BLOB_CELL_M * int(np.bincount(labels.ravel())[1:].max()) if count > 1 else 0.0
+    _, labels = cv2.connectedComponents(raster, connectivity=8)
+    return BLOB_CELL_M * np.bincount(labels.ravel())[1:]
 
 
 @njit(cache=True)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from common.errors import Unmergeable
 from common.fusion.bend import bend, loosened
 from common.fusion.decide import decide, judge_alone, runner_up
-from common.fusion.detail import detail_m, distinction_m
+from common.fusion.detail import against_m, detail_m, distinction_m
 from common.fusion.hypotheses import Hypothesis, judge, search, slides, straighten, straighten_best
 from common.fusion.matchmap import MatchMap
 from common.fusion.overlap import overlap
@@ -114,12 +114,13 @@ def _doubted(
         return None
     best = hypotheses[0]
     detail, lead = detail_m(a, b, best.pose, settings), best.score * (1 - runner_up(hypotheses))
-    if distinction_m(detail, lead, best.evidence.blob_m) >= settings.min_distinction_m:
+    against = against_m(a, b, best.pose, best.bent, settings)
+    if distinction_m(detail, lead, against) >= settings.min_distinction_m:
         return None
     return (
         "ambiguous",
         f"only {detail:.1f} m of wall agree beyond four straight lines, others come within {lead:.0f} m of its score, "
-        f"and {best.evidence.blob_m:.1f} m in one piece contradict: any place of this shape would fit",
+        f"and {against:.1f} m of wall stand where the other map is free: any place of this shape would fit",
     )
 
 

@@ -65,7 +65,7 @@ class FusionSettings(BaseModel):
     min_grip_m: Positive = 1.0
     """metres of wall across the transform's weakest direction, below which it counts as ambiguous"""
 
-    min_distinction_m: Annotated[float, Field(ge=0)] = 3.0
+    min_distinction_m: Annotated[float, Field(ge=0)] = 4.0
     """metres by which a merge must be set apart from places of its shape (detail.py), 0 to do without ..."""
     plain_overlap: Annotated[float, Field(ge=0, le=0.5)] = 0.4
     """... unless the maps overlap by so much, |A∩B| / (|A|+|B|)"""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from drawn_worlds import apartment, mapped
+from drawn_worlds import apartment, blank, mapped, wall
 
-from common.fusion.detail import detail_m, distinction_m
+from common.fusion.detail import against_m, detail_m, distinction_m
 from common.fusion.match import match
 from common.fusion.matchmap import MatchMap
 from common.fusion.settings import FusionSettings
@@ -49,9 +49,23 @@ def test_a_door_in_another_place_outweighs_a_cross_wall_in_the_same(building: in
     assert match(a, b).kind != "merged"
 
 
-def test_detail_or_a_long_lead_sets_a_place_apart_and_a_contradiction_in_one_piece_does_not() -> None:
+def test_detail_or_a_long_lead_sets_a_place_apart_and_a_door_elsewhere_does_not() -> None:
     least = FusionSettings().min_distinction_m
-    assert distinction_m(3.5, 0.0, 0.0) >= least
+    assert distinction_m(4.0, 0.0, 0.0) >= least
     assert distinction_m(0.0, 10.0, 0.0) >= least
-    assert distinction_m(1.0, 3.0, 0.0) < least
-    assert distinction_m(1.0, 10.0, 0.6) < least
+    assert distinction_m(1.0, 5.0, 0.0) < least
+    assert distinction_m(4.0, 8.0, 0.8) < least
+
+
+def test_doors_elsewhere_all_count_in_full_and_walls_that_are_merely_ragged_do_not() -> None:
+    plain, settings = blank(8.0, 6.0), FusionSettings()
+    one, other = plain.copy(), plain.copy()
+    for counts, doors in ((one, (1.0, 4.0)), (other, (2.5, 6.0))):
+        x = 0.0
+        for door in (*doors, 8.0):
+            wall(counts, x, 3.0, door, 3.0)
+            x = door + 0.9
+    frame = np.zeros(3)
+    a, b, again = mapped(one, frame, seed=1), mapped(other, frame, seed=2), mapped(one, frame, seed=3)
+    assert against_m(a, b, frame, None, settings) == pytest.approx(4 * 0.6, abs=0.9)
+    assert against_m(a, again, frame, None, settings) == 0.0

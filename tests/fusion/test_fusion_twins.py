@@ -6,7 +6,7 @@ import pytest
 from drawn_worlds import apartment, mapped
 
 from common.fusion.correlate import _peaks
-from common.fusion.evidence import AGREES, CONTRADICTS, NEITHER, OUTSIDE, classify, longest_blob
+from common.fusion.evidence import AGREES, CONTRADICTS, NEITHER, OUTSIDE, classify, pieces_m
 from common.fusion.features import RATIO, _matches, fit_rigid
 from common.fusion.hypotheses import APART_M, APART_RAD, distinct
 from common.fusion.matchmap import REACH_M, MatchMap
@@ -169,9 +169,9 @@ def test_many_poses_are_refined_as_each_alone(pair) -> None:
 
 def test_a_blob_is_as_long_as_its_largest_connected_part() -> None:
     line = np.stack([np.arange(0.05, 3, 0.05), np.full(59, 1.1)], axis=1)
-    assert longest_blob(np.concatenate([line, [[10.1, 10.1]]])) == pytest.approx(3.0)
-    assert longest_blob(np.zeros((0, 2))) == 0
-    assert longest_blob(np.array([[5.0, 5.0]])) == pytest.approx(0.2)
+    assert sorted(pieces_m(np.concatenate([line, [[10.1, 10.1]]]))) == pytest.approx([0.2, 3.0])
+    assert len(pieces_m(np.zeros((0, 2)))) == 0
+    assert pieces_m(np.array([[5.0, 5.0]])) == pytest.approx([0.2])
 
 
 def test_a_rigid_fit_recovers_the_pose_and_no_scale() -> None:
