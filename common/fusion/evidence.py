@@ -126,7 +126,7 @@ def pieces_m(points: NDArray[np.float64]) -> NDArray[np.float64]:
     raster = np.zeros(cells.max(axis=0) + 1, np.uint8)
     raster[cells[:, 0], cells[:, 1]] = 1
     _, labels = cv2.connectedComponents(raster, connectivity=8)
-    return BLOB_CELL_M * np.bincount(labels.ravel())[1:]
+    return np.asarray(BLOB_CELL_M * np.bincount(labels.ravel())[1:], np.float64)
 
 
 @njit(cache=True)
