@@ -2,8 +2,9 @@
 
 Requests `[id, method, arguments]` come over the socket FD as length-prefixed msgpack and are answered in order
 with `[id, true, result]` or `[id, false, message]`. The class is made once; its public methods are what can be
-called. A thread watches the socket: when the parent is gone, even by kill -9, the process ends at once, whatever
-it was computing.
+called. While no request waits, its method `idle`, if it has one, is called for as long as it returns true: there it
+does what can wait, a few milliseconds at a time. A thread watches the socket: when the parent is gone, even by kill -9,
+the process ends at once, whatever it was computing.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ import msgpack
 from common.errors import RecslamError
 from common.workers.framing import HEAD
 
+REST_S = 0.0005
+"""between two rounds of what can wait: a request that has come is read in that time"""
+
 
 def main() -> None:
     target, fd = sys.argv[1], int(sys.argv[2])
@@ -31,9 +35,23 @@ def main() -> None:
     threading.Thread(target=_read, args=(channel, requests), name="requests", daemon=True).start()
     host = getattr(importlib.import_module(module), name)()
     _send(channel, [0, True, os.getpid()])
+    busy = True
     while True:
-        request_id, method, arguments = requests.get()
+        try:
+            request_id, method, arguments = requests.get(timeout=REST_S if busy else None)
+        except queue.Empty:
+            busy = _idle(host)
+            continue
         _send(channel, [request_id, *_call(host, method, arguments)])
+        busy = True
+
+
+def _idle(host: object) -> bool:
+    try:
+        return hasattr(host, "idle") and bool(host.idle())
+    except Exception:
+        traceback.print_exc()
+        return False
 
 
 def _call(host: object, method: str, arguments: dict[str, Any]) -> tuple[bool, Any]:

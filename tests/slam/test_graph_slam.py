@@ -205,6 +205,7 @@ def test_the_number_of_keyframes_stays_bounded_and_the_trajectory_right() -> Non
     curious = GraphSlam.create({"max_keyframes": 60, "local_keyframes": 20}, 0)
     for frame in driven(duration_s=80.0):
         curious.process(frame)
+        curious.prepare(0.0)
         if frame.seq % 50 == 0:
             curious.map()
     curious.finish()

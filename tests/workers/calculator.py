@@ -6,6 +6,26 @@ import time
 
 
 class Calculator:
+    rounds = 0
+    """of what can wait, done"""
+    asked = 0
+    tired = False
+
+    def idle(self) -> bool:
+        if self.tired:
+            raise ValueError("not now")
+        self.rounds = min(self.rounds + 1, self.asked)
+        return self.rounds < self.asked
+
+    def later(self, rounds: int) -> None:
+        self.asked += rounds
+
+    def done(self) -> int:
+        return self.rounds
+
+    def tire(self) -> None:
+        self.tired = True
+
     def add(self, a: int, b: int) -> int:
         return a + b
 

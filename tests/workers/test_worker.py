@@ -39,6 +39,21 @@ async def test_a_failing_call_says_why_and_the_worker_goes_on(worker: Worker) ->
     assert await worker.call("add", a=1, b=2) == 3
 
 
+async def test_what_can_wait_is_done_without_being_asked_for_again(worker: Worker) -> None:
+    await worker.call("later", rounds=200)
+    looks = 1
+    while await worker.call("done") < 200:
+        looks += 1
+        await asyncio.sleep(0.02)
+    assert looks < 100
+
+
+async def test_what_can_wait_and_fails_does_not_end_the_worker(worker: Worker) -> None:
+    await worker.call("tire")
+    assert await worker.call("add", a=1, b=2) == 3
+    assert await worker.call("add", a=1, b=2) == 3
+
+
 async def test_private_methods_cannot_be_called(worker: Worker) -> None:
     with pytest.raises(WorkerError, match="not to be called"):
         await worker.call("__init__")

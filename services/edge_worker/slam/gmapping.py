@@ -92,6 +92,10 @@ class GMapping:
         """Nothing is pending in a filter; the map is made the best particle's throughout."""
         self.chart.follow(self.tree, self.best)
 
+    def prepare(self, seconds: float) -> bool:
+        """Nothing is left to `map` that takes time: it moves few scans a call."""
+        return True
+
     def map(self) -> Grid:
         """The best particle's map, ray traced; after another one became best, older scans follow in later calls."""
         self.chart.follow(self.tree, self.best, MOVES)

@@ -92,6 +92,9 @@ class GraphSlam:
     def finish(self) -> None:
         self._correct(FINAL_ITERATIONS)
 
+    def prepare(self, seconds: float) -> bool:
+        return self.rendering.prepare(self.keyframes, self.graph.poses, seconds)
+
     def map(self) -> Grid:
         return self.rendering.update(self.keyframes, self.graph.poses)
 

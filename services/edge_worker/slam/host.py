@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.errors import UsageError
 from common.grid.paging import page
@@ -22,6 +23,13 @@ RECENT_S = 10.0
 """time over which the mean of a scan is taken: where CPU time is limited, most scans take no longer, but some do"""
 TRAJECTORY_ROWS = 4096
 """rows in one page of a trajectory (32 bytes each)"""
+IDLE_S = 0.003
+"""work on maps that a frame may have to wait for if it comes just then"""
+ASKED_S = 0.01
+"""the same where the map has been asked for"""
+BEHIND_S = 2.0
+"""how long a map may stay as it was while it is drawn anew. A worker that was never idle meanwhile has more to do than
+it can, so that poses are late anyway: then all is drawn at once"""
 
 
 @dataclass
@@ -35,8 +43,16 @@ class Instance:
     seq: int = -1
     """last frame taken"""
     final: bool = False
+    unprepared: bool = False
+    """the kernel may have work left to do for its map"""
+    covered: int = -1
+    """last frame in what is shown"""
+    trajectory: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 4)))
+    """that of what is shown"""
     places: Places | None = None
-    """where the robot has stood; None since a frame may have changed that"""
+    """where the robot has stood by then; None when a frame may have changed that"""
+    behind: float | None = None
+    """since when a newer map has been asked for that is not ready"""
     spent_s: float = 0.0
     recent: deque[tuple[float, float]] = field(default_factory=deque)
     """(end, duration) of scans, s"""
@@ -74,6 +90,7 @@ class SlamHost:
         frame = decode(data, sender=robot)
         if not isinstance(frame, Frame):
             raise UsageError(f"{robot}: {type(frame).__name__} is no frame")
+        instance.unprepared = True
         begin = time.perf_counter()
         estimate = instance.kernel.process(frame)
         end = time.perf_counter()
@@ -87,21 +104,32 @@ class SlamHost:
     def finish(self, robot: str) -> None:
         """The robot's stream has ended: refine once more; the map is final, also when the refinement fails."""
         instance = self._instance(robot)
-        instance.final, instance.places = True, None
+        instance.final, instance.places, instance.unprepared = True, None, True
         instance.kernel.finish()
 
+    def idle(self) -> bool:
+        """Work a little on maps that are behind; returns whether there may be more to do. Called between requests."""
+        for instance in self._instances.values():
+            if instance.unprepared:
+                instance.unprepared = False  # also when the kernel fails: it will again when the map is asked for
+                instance.unprepared = not instance.kernel.prepare(IDLE_S)
+                return True
+        return False
+
     def news(self, robot: str) -> dict[str, Any]:
-        """Version of the map and what it contains, after taking everything in."""
+        """Version of the map and what it contains: everything, unless it is being drawn anew after a correction."""
         instance = self._instance(robot)
-        if instance.places is None:
-            instance.places = stands(instance.kernel.trajectory())
-        instance.shown.follow(instance.kernel.map(), instance.places)
+        if _may_show(instance):
+            if instance.places is None:
+                instance.trajectory, instance.covered = instance.kernel.trajectory(), instance.seq
+                instance.places = stands(instance.trajectory)
+            instance.shown.follow(instance.kernel.map(), instance.places)
+            instance.sketch.follow(instance.shown.grid)
         grid = instance.shown.grid
-        instance.sketch.follow(grid)
         return {
             "version": grid.version,
             "resolution": grid.resolution,
-            "seq": instance.seq,
+            "seq": instance.covered,
             "final": instance.final,
             "corrections": instance.kernel.corrections.times,
             "corrected_m": instance.kernel.corrections.metres,
@@ -124,7 +152,7 @@ class SlamHost:
         """An encoded TrajectoryPage from row `start` on."""
         instance = self._instance(robot)
         version = self.news(robot)["version"]
-        rows = np.ascontiguousarray(instance.kernel.trajectory(), dtype=np.float64)
+        rows = np.ascontiguousarray(instance.trajectory, dtype=np.float64)
         end = start + TRAJECTORY_ROWS
         return encode(
             TrajectoryPage(
@@ -139,3 +167,14 @@ class SlamHost:
         if robot not in self._instances:
             raise UsageError(f"no SLAM instance of {robot} here; ask the edge that the routing table names")
         return self._instances[robot]
+
+
+def _may_show(instance: Instance) -> bool:
+    """Is the kernel's map ready, or has it been waited for in vain? A final map is not waited for."""
+    now = time.monotonic()
+    if instance.behind is None:
+        instance.behind = now
+    if instance.kernel.prepare(ASKED_S) or instance.final or now - instance.behind >= BEHIND_S:
+        instance.behind = None
+        return True
+    return False

@@ -46,6 +46,13 @@ class Kernel(Protocol):
         """The stream has ended: let pending background work take effect and refine once more."""
         ...
 
+    def prepare(self, seconds: float) -> bool:
+        """Do for about `seconds` what `map` would have to; returns whether it has nothing left that takes time.
+
+        Neither poses nor the map change by that: it is for moments when no robot waits, and may as well not be called.
+        """
+        ...
+
     def map(self) -> Grid:
         """The robot map so far: the same object each time, its versions rising as tiles change."""
         ...
