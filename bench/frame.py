@@ -5,7 +5,7 @@
 Runs the fleet, takes every version of the global map that it can, and compares each with the one before. Walls are
 compared patch by patch (2 x 2 m) and direction by direction: a patch has moved by the median step across its walls,
 of walls that run alike and lie within half a metre. Declared are the events that the cloud names: new world epochs,
-and what SLAM has corrected within robot maps.
+and what has changed in robot maps beside their growth: SLAM has corrected one, or another one is in it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from common.fusion.walls import SAME_WAY, STRAIGHT
 from common.grid import Grid
 from common.grid.tiles import decode_counts
 from common.wire import GlobalMapNotice, Transforms
-from services.cloud_merger.changes import corrections
+from services.cloud_merger.changes import changed
 from services.command import fleets
 from services.command.run_folder import RunFolder, read_cluster
 
@@ -146,7 +146,7 @@ async def record(
 
 def compare(before: Version, after: Version, reasons: dict[int, str]) -> Step:
     epochs = before[0].world_epoch, after[0].world_epoch
-    told = list(corrections(after[0].covers, before[0].covers))
+    told = list(changed(after[0].covers, before[0].covers))
     told += [reasons.get(epoch, "a new world epoch") for epoch in range(epochs[0] + 1, epochs[1] + 1)]
     moves = patches(before[1], after[1])
     half = after[1].resolution / 2

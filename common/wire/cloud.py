@@ -114,8 +114,9 @@ class GlobalMapNotice(Message):
     components: tuple[Component, ...]
     covers: Covers
     trace: Trace
-    corrections: tuple[str, ...] = ()
-    """what SLAM has moved in robot maps since the version before: walls have moved although the world has not"""
+    changes: tuple[str, ...] = ()
+    """of robot maps since the version before, above all what SLAM has corrected in them: walls may have moved although
+    the world has not"""
 
 
 class CloudStatus(Message):

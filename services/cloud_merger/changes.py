@@ -48,9 +48,10 @@ def parted(placed: Mapping[str, Placed], old: Mapping[str, Placed]) -> list[tupl
     return found
 
 
-def corrections(covers: Covers, before: Covers) -> tuple[str, ...]:
-    """Robots whose own map has moved within from one version of the global map to another, and by how much."""
-    told = []
+def changed(covers: Covers, before: Covers) -> tuple[str, ...]:
+    """What has changed in robot maps from one version of the global map to another, beside that they have grown."""
+    told = [f"the map of {name} is in it" for name in sorted(covers.keys() - before.keys())]
+    told += [f"the map of {name} is not in it any more" for name in sorted(before.keys() - covers.keys())]
     for name in sorted(covers.keys() & before.keys()):
         now, old = covers[name], before[name]
         if (now.stream, now.epoch) != (old.stream, old.epoch) or now.corrections < old.corrections:

@@ -129,8 +129,8 @@ class Compose:
     world: Transforms
     covers: Covers
     final: bool
-    corrections: tuple[str, ...]
-    """what has moved in robot maps since the last composition"""
+    changes: tuple[str, ...]
+    """of robot maps since the last composition"""
 
 
 Instruction = FetchSketch | FetchPart | Forget | Solve | Compose

@@ -239,7 +239,7 @@ class CloudMerger:
             digest=done["digest"],
             components=step.world.components,
             covers=step.covers,
-            corrections=step.corrections,
+            changes=step.changes,
             trace=trace(
                 step.versions, self.state.edge_maps, robot_maps, self._statuses, self._transfers, self._stages["fuse"]
             ),
@@ -248,8 +248,8 @@ class CloudMerger:
         await self._bus.latch(keys.CLOUD_MAP, notice)
         contents = {"robots": len(notice.covers), "components": len(notice.components), "final": notice.final}
         log.info("global map", extra={"version": count_of(notice.version), **contents})
-        for correction in notice.corrections:
-            log.info("correction", extra={"version": count_of(notice.version), "reason": correction})
+        for change in notice.changes:
+            log.info("changed", extra={"version": count_of(notice.version), "reason": change})
 
     async def _tiles(self, key: str, params: Mapping[str, str]) -> Message:
         since, cursor = int(params.get("since", "0")), params.get("cursor", "")

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from common.fusion.cycles import Pair
 from common.fusion.pairs import all_pairs, complete
 from common.wire import Covers, EdgeMapNotice, Epoch, MapNotice, PairVerdict, Routes, Transforms
-from services.cloud_merger.changes import corrections, parted
+from services.cloud_merger.changes import changed, parted
 from services.cloud_merger.events import (
     Compose,
     Composed,
@@ -262,7 +262,7 @@ class CloudState:
         if makeup == self.composed or not covers:
             return []
         self.composing, self.composed, self.waited = covers, makeup, 0
-        return [Compose(versions, self.world, covers, final, corrections(covers, self.shown))]
+        return [Compose(versions, self.world, covers, final, changed(covers, self.shown))]
 
     def _was_composed(self, well: bool) -> list[Instruction]:
         covers, self.composing = self.composing, None

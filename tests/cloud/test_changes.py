@@ -6,7 +6,7 @@ import pytest
 from cloud_samples import cover, edge_notice, map_notice, routes
 
 from common.wire import FixedPose, Placed, Transforms
-from services.cloud_merger.changes import corrections, parted, reason
+from services.cloud_merger.changes import changed, parted, reason
 from services.cloud_merger.events import (
     Compose,
     Composed,
@@ -58,15 +58,17 @@ def test_what_moves_the_world_is_named(now: dict[str, Placed], told: str) -> Non
 def test_what_slam_moves_within_a_robot_map_is_named_though_the_world_stays() -> None:
     before = {"a": cover(5), "b": cover(5)}
     now = {"a": cover(9, corrections=2, corrected_m=0.0651), "b": cover(9)}
-    assert corrections(now, before) == ("SLAM corrected the map of a by up to 0.065 m, the last of 2",)
-    assert corrections(now, now) == ()
+    assert changed(now, before) == ("SLAM corrected the map of a by up to 0.065 m, the last of 2",)
+    assert changed(now, now) == ()
 
 
-def test_a_map_that_another_instance_made_is_named_and_one_that_has_come_is_not_a_correction() -> None:
+def test_a_map_that_another_instance_made_and_one_that_has_come_or_gone_are_named() -> None:
     before = {"a": cover(5, corrections=3)}
-    assert corrections({"a": cover(5, epoch=(1, 2))}, before) == ("the map of a was made anew",)
-    assert corrections({"a": cover(5)}, before) == ("the map of a was made anew",)
-    assert corrections({**before, "b": cover(1, corrections=4)}, before) == ()
+    assert changed({"a": cover(5, epoch=(1, 2))}, before) == ("the map of a was made anew",)
+    assert changed({"a": cover(5)}, before) == ("the map of a was made anew",)
+    both = {**before, "b": cover(1, corrections=4)}
+    assert changed(both, before) == ("the map of b is in it",)
+    assert changed(before, both) == ("the map of b is not in it any more",)
 
 
 def test_a_correction_is_told_with_the_map_that_shows_it_also_after_a_composition_that_failed() -> None:
@@ -84,16 +86,16 @@ def test_a_correction_is_told_with_the_map_that_shows_it_also_after_a_compositio
         came = state.handle(PartFetched(fetch, version, 1, covers, final=False))
         return next(step for step in came if isinstance(step, Compose))
 
-    assert composed(1, times=1).corrections == ()
+    assert composed(1, times=1).changes == ("the map of a is in it",)
     state.handle(Composed(well=True))
     told = ("SLAM corrected the map of a by up to 0.500 m",)
-    assert composed(2, times=2).corrections == told
+    assert composed(2, times=2).changes == told
     state.handle(Composed(well=False))
     (again,) = state.handle(Tick())
     assert isinstance(again, Compose)
-    assert again.corrections == told
+    assert again.changes == told
     state.handle(Composed(well=True))
-    assert composed(3, times=2).corrections == ()
+    assert composed(3, times=2).changes == ()
 
 
 def test_an_un_merge_is_named_also_when_the_final_world_brings_it() -> None:
