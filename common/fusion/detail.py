@@ -2,8 +2,8 @@
 
 Two walls and two cross walls coincide wherever rooms are alike, with hardly a contradiction and without a rival in
 these two maps. So a small overlap must agree in more than that: in detail beyond a few straight lines, or in so much
-wall that no other placement comes near. And every door in another place counts against it, in full: a small overlap
-leaves drift no room, so that a wall contradicts as soon as it is farther from the other map's than one that agrees.
+wall that no other placement comes near. And every door in another place counts against it, in full, but not what is
+explained by drift between the maps.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ def distinction_m(detail_m: float, lead_m: float, against_m: float) -> float:
 def against_m(
     a: MatchMap, b: MatchMap, pose: NDArray[np.float64], bent: Bend | None, settings: FusionSettings
 ) -> float:
-    """Metres of wall of both maps that contradict in pieces as large as a thing, b's frame being at `pose` in a's.
+    """Metres of wall of both maps that contradict in pieces as large as a thing, b's frame being at `pose` in a's, or
+    where `bent` says.
 
     A wall in the other's free space contradicts from where it no longer agrees, without the room that drift needs.
     """

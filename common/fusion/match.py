@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from common.errors import Unmergeable
-from common.fusion.bend import bend, loosened
+from common.fusion.bend import Bend, bend, loosened
 from common.fusion.decide import decide, judge_alone, runner_up
 from common.fusion.detail import against_m, detail_m, distinction_m
 from common.fusion.hypotheses import Hypothesis, judge, search, slides, straighten, straighten_best
@@ -23,7 +23,7 @@ from common.geometry.se2 import Pose
 from common.wire.edge import PairVerdict, VerdictKind
 
 STRAIGHT_SHARE = 0.9
-"""share of agreeing wall from which on maps are taken for straight"""
+"""share of agreeing wall from which on maps are taken for straight, when no piece of wall stands beside its own"""
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,11 @@ def match(
         hypotheses += slides(a, b, hypotheses[0], settings)
     kind, reason = decide(hypotheses, settings)
     shared = overlap(a, b, hypotheses[0].pose) if hypotheses else 0.0
-    if kind == "merged":
-        kind, reason = _doubted(a, b, hypotheses, shared, settings) or (kind, reason)
-    return _result(kind, reason, hypotheses, a, b, settings, shared)
+    if kind != "merged":
+        return _result(kind, reason, hypotheses, a, b, None, shared)
+    bent = _bent(a, b, hypotheses[0], settings)
+    kind, reason = _doubted(a, b, hypotheses, bent, shared, settings) or (kind, reason)
+    return _result(kind, reason, hypotheses, a, b, bent, shared)
 
 
 def track(a: MatchMap, b: MatchMap, transform: ArrayLike, *, settings: FusionSettings | None = None) -> Match:
@@ -103,18 +105,21 @@ def track(a: MatchMap, b: MatchMap, transform: ArrayLike, *, settings: FusionSet
     if judge_alone(hypothesis, settings)[0] != "merged":
         hypothesis = straighten(a, b, hypothesis, settings)
     kind, reason = judge_alone(hypothesis, settings)
-    return _result(kind, reason, [hypothesis], a, b, settings, overlap(a, b, hypothesis.pose))
+    bent = _bent(a, b, hypothesis, settings) if kind == "merged" else None
+    return _result(kind, reason, [hypothesis], a, b, bent, overlap(a, b, hypothesis.pose))
 
 
 def _doubted(
-    a: MatchMap, b: MatchMap, hypotheses: list[Hypothesis], shared: float, settings: FusionSettings
+    a: MatchMap, b: MatchMap, hypotheses: list[Hypothesis], bent: Bend | None, shared: float, settings: FusionSettings
 ) -> tuple[VerdictKind, str] | None:
     """Why a placement is not to be believed although nothing speaks against it, None when it is."""
     if shared >= settings.plain_overlap or not settings.min_distinction_m:
         return None
     best = hypotheses[0]
     detail, lead = detail_m(a, b, best.pose, settings), best.score * (1 - runner_up(hypotheses))
-    against = against_m(a, b, best.pose, best.bent, settings)
+    against = against_m(a, b, best.pose, None, settings)
+    if bent is not None:
+        against = min(against, against_m(a, b, best.pose, bent, settings))
     if distinction_m(detail, lead, against) >= settings.min_distinction_m:
         return None
     return (
@@ -140,7 +145,7 @@ def _result(
     hypotheses: list[Hypothesis],
     a: MatchMap,
     b: MatchMap,
-    settings: FusionSettings,
+    bent: Bend | None,
     shared: float,
 ) -> Match:
     if not hypotheses:
@@ -150,7 +155,7 @@ def _result(
         kind=kind,
         reason=reason,
         transform=best.pose if merged else None,
-        information=_information(a, b, best, settings) if merged else None,
+        information=loosened(best.information, b, best.pose, bent) if merged else None,
         overlap=shared,
         agreement=best.evidence.agreement,
         conflict=best.evidence.conflict,
@@ -160,9 +165,9 @@ def _result(
     )
 
 
-def _information(a: MatchMap, b: MatchMap, best: Hypothesis, settings: FusionSettings) -> NDArray[np.float64]:
-    """How surely the pose of a decided hypothesis is known, bending included."""
-    bent = best.bent
-    if bent is None and best.evidence.agreement < STRAIGHT_SHARE:
-        bent = bend(a, b, best.pose, settings)
-    return loosened(best.information, b, best.pose, bent)
+def _bent(a: MatchMap, b: MatchMap, best: Hypothesis, settings: FusionSettings) -> Bend | None:
+    """How b is bent in a, None when it fits as it is."""
+    if best.bent is not None:
+        return best.bent
+    fits = best.evidence.agreement >= STRAIGHT_SHARE and not against_m(a, b, best.pose, None, settings)
+    return None if fits else bend(a, b, best.pose, settings)

@@ -69,3 +69,16 @@ def test_a_bent_pair_is_less_sure_than_a_straight_one_and_none_is_surer_than_map
         unsure.append(np.sqrt(np.diag(np.linalg.inv(information))))
     assert (unsure[0] >= np.sqrt(np.diag(STIFF))).all()
     assert unsure[1][2] > 1.5 * unsure[0][2]
+
+
+def test_a_map_stretched_along_a_corridor_is_known_less_surely_along_it() -> None:
+    world, middle = apartment(3, width_m=WIDTH_M), np.array([WIDTH_M / 2, 6.0, 0.0])
+    rows, columns = np.mgrid[: world.shape[1], : world.shape[2]].astype(np.float32)
+    columns -= np.float32(0.02) * np.maximum(columns - np.float32(28.0 / RESOLUTION), 0)
+    stretched = np.stack([cv2.remap(plane, columns, rows, cv2.INTER_NEAREST) for plane in world])
+    a = mapped(world, np.zeros(3), seed=1)
+    straight, along = (track(a, mapped(counts, middle, seed=2), middle) for counts in (world, stretched))
+    assert along.agreement > 0.9
+    (x, y, _), (along_x, along_y, _) = (np.sqrt(np.diag(np.linalg.inv(f.information))) for f in (straight, along))
+    assert along_x > 2 * x
+    assert along_y < 1.1 * y

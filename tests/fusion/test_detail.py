@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
-from drawn_worlds import apartment, blank, mapped, wall
+from drawn_worlds import RESOLUTION, apartment, blank, mapped, wall
 
+from common.fusion.bend import bend
 from common.fusion.detail import against_m, detail_m, distinction_m
 from common.fusion.match import match
 from common.fusion.matchmap import MatchMap
@@ -69,3 +71,13 @@ def test_doors_elsewhere_all_count_in_full_and_walls_that_are_merely_ragged_do_n
     a, b, again = mapped(one, frame, seed=1), mapped(other, frame, seed=2), mapped(one, frame, seed=3)
     assert against_m(a, b, frame, None, settings) == pytest.approx(4 * 0.6, abs=0.9)
     assert against_m(a, again, frame, None, settings) == 0.0
+
+
+def test_what_drift_explains_does_not_speak_against_a_place() -> None:
+    counts, frame, settings = apartment(3, width_m=20.0), np.zeros(3), FusionSettings()
+    rows, columns = np.mgrid[: counts.shape[1], : counts.shape[2]].astype(np.float32)
+    columns -= np.float32(0.02) * np.maximum(columns - np.float32(10.0 / RESOLUTION), 0)
+    stretched = np.stack([cv2.remap(plane, columns, rows, cv2.INTER_NEAREST) for plane in counts])
+    a, b = mapped(counts, frame, seed=1), mapped(stretched, frame, seed=2)
+    assert against_m(a, b, frame, None, settings) > 1.0
+    assert against_m(a, b, frame, bend(a, b, frame, settings), settings) < 0.5
