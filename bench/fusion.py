@@ -102,7 +102,7 @@ def cases(data: Path, pairs: int, strangers: int, seed: int) -> Iterator[tuple[s
 
 def judge(group: str, building: str, cut: Cut) -> Row:
     """Decide one pair from its rasters and compare with the truth."""
-    a, b = (MatchMap(m.occupancy, m.origin_cell, m.resolution) for m in (cut.a, cut.b))
+    a, b = (MatchMap(m.occupancy, m.origin_cell, m.resolution, m.ground) for m in (cut.a, cut.b))
     began = time.process_time()
     result = match(a, b)
     decided = time.process_time()
