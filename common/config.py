@@ -66,8 +66,15 @@ class EdgeConfig(Section):
     """a SLAM worker that spends longer on one scan is taken for stuck and replaced; waiting for a processor is free"""
     probe_every_s: Annotated[float, Field(ge=0)] = 30.0
     """how often an idle link to a robot in reach is measured, with 64 KB; 0: never"""
-    grace_s: Annotated[float, Field(ge=0)] = 30.0
-    """how long the instance of a vanished robot is kept"""
+    lease_s: Annotated[float, Field(gt=0)] = 60.0
+    """a robot that has been gone for longer is not waited for: its map is final as it is, until it comes back"""
+    checkpoints: Path | None = None
+    """folder on a disk that all edges share: edges keep SLAM instances there and robots forget the frames that are in
+    them; None: kept in the edge's memory, and robots keep all frames that their spools hold"""
+    checkpoint_s: Annotated[float, Field(gt=0)] = 60.0
+    """an instance is kept every so many seconds"""
+    checkpoint_frames: Annotated[int, Field(ge=1)] = 1000
+    """or frames, whichever comes first"""
 
 
 class FusionConfig(Section):

@@ -124,9 +124,14 @@ class Claims(Message):
     """of the latest routing table that it has taken"""
 
 
+VANISHED = "vanished"
+"""state of an instance whose robot is gone: its map is final as it is"""
+
+
 class InstanceStatus(Part):
     robot: Name
     state: str
+    """opening, running, finishing, final or vanished"""
     processed: int
     pending: int
     worker: int

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from common.wire import Frame
+from services.edge_worker.checkpoint import Checkpoint
 
 
 @dataclass(frozen=True)
@@ -17,9 +18,12 @@ class Instruction:
 
 @dataclass(frozen=True)
 class Open(Instruction):
-    """Make a fresh kernel in this worker."""
+    """Make a kernel in this worker, from the newest checkpoint of the stream ("": of any) where there is one."""
 
     worker: int
+    stream: str = ""
+    afresh: bool = False
+    """leave checkpoints alone"""
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,20 @@ class Fetch(Instruction):
 
     stream: str
     start: int
+
+
+@dataclass(frozen=True)
+class Keep(Instruction):
+    """Keep the kernel as it is once all that it was fed is taken."""
+
+    checkpoint: Checkpoint
+
+
+@dataclass(frozen=True)
+class GiveUp(Instruction):
+    """Tell that the robot is not waited for any longer: its stream ends at `seq`, until it comes back."""
+
+    seq: int
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ from common.bus import keys
 from common.heartbeat import beat
 from common.telemetry import process_stats
 from common.wire import EdgeStatus, InstanceStatus
+from common.wire.edge import VANISHED
+from services.edge_worker.instance import Phase
 
 if TYPE_CHECKING:
     from services.edge_worker.service import EdgeWorker
@@ -30,9 +32,12 @@ class Report:
 
     async def run(self) -> None:
         while True:
-            await self._edge.bus.latch(keys.edge_status(self._edge.edge), self.status())
+            await self.tell()
             beat()
             await asyncio.sleep(STATUS_S)
+
+    async def tell(self) -> None:
+        await self._edge.bus.latch(keys.edge_status(self._edge.edge), self.status())
 
     def status(self) -> EdgeStatus:
         edge, state, bus = self._edge, self._edge.state, self._edge.bus
@@ -40,12 +45,12 @@ class Report:
         instances = tuple(
             InstanceStatus(
                 robot=robot,
-                state=each.phase.value,
+                state=VANISHED if each.given_up and each.phase is Phase.FINAL else each.phase.value,
                 processed=each.processed,
-                pending=len(each.waiting) + len(each.in_flight),
+                pending=len(each.backlog.waiting) + len(each.in_flight),
                 worker=each.worker,
                 scan_ms=1e3 * edge.maps.scan_s.get(robot, 0.0),
-                gaps=each.gaps,
+                gaps=each.backlog.gaps,
                 skipped=each.skipped,
             )
             for robot, each in sorted(state.instances.items())
@@ -53,7 +58,7 @@ class Report:
         counters = {
             **state.counters,
             "frames dropped by the bus": edge.dropped(),
-            "frames too early": sum(each.overrun for each in state.instances.values()),
+            "frames too early": sum(each.backlog.overrun for each in state.instances.values()),
             "frames of another stream": sum(each.foreign for each in state.instances.values()),
             "messages refused": bus.counters.refused.total(),
             "fusion failures": edge.fusion.failures,

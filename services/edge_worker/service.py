@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import math
 import secrets
 import time
 from collections.abc import Coroutine
@@ -27,14 +26,11 @@ from common.wire import (
     Frame,
     FramePage,
     MapNotice,
-    PoseUpdate,
     RobotProfile,
     Routes,
     Transforms,
     decode,
-    encode,
 )
-from common.workers import WorkerError
 from services.edge_worker import state as slam
 from services.edge_worker.fusion import Fusion
 from services.edge_worker.instructions import (
@@ -43,11 +39,14 @@ from services.edge_worker.instructions import (
     Feed,
     Fetch,
     Finish,
+    GiveUp,
     Instruction,
+    Keep,
     Listen,
     Open,
     Release,
 )
+from services.edge_worker.kernels import Kernels
 from services.edge_worker.pool import Pool
 from services.edge_worker.probing import Probes
 from services.edge_worker.report import Report
@@ -64,7 +63,16 @@ class EdgeWorker:
 
     def __init__(self, fleet: Fleet, edge: str, bus: Bus, workers: int, stop: asyncio.Event) -> None:
         self._fleet, self.edge, self._bus, self._stop = fleet, edge, bus, stop
-        self.state = EdgeState(edge, workers, fleet.edge.window, first_life=secrets.randbits(31))
+        config = fleet.edge
+        self.state = EdgeState(
+            edge,
+            workers,
+            config.window,
+            first_life=secrets.randbits(31),
+            lease_s=config.lease_s,
+            keep_frames=config.checkpoint_frames,
+            keep_s=config.checkpoint_s,
+        )
         self.links = LinkMeter()
         self._pool = Pool(workers, fleet.slam.kernel, fleet.edge.scan_limit_s, self._worker_died)
         self._fusion = Fusion(fleet, edge, bus, self.links)
@@ -72,6 +80,7 @@ class EdgeWorker:
         self._frames: dict[str, Stream[Received]] = {}
         self._tasks = asyncio.TaskGroup()
         self._report = Report(self)
+        self._kernels = Kernels(fleet, self.state, self._pool, bus, self._report.problem)
 
     async def run(self) -> None:
         try:
@@ -87,6 +96,8 @@ class EdgeWorker:
                     keys.edge_robot_map(keys.ANY, keys.ANY),
                 ):
                     tasks.create_task(self._hear(key), name=f"hear {key}")
+                tasks.create_task(self._hear_robots(), name="robots")
+                tasks.create_task(self._hear_link(), name="link")
                 tasks.create_task(self._tick(), name="tick")
                 tasks.create_task(self._publish_maps(), name="maps")
                 tasks.create_task(self._fusion.run(), name="fusion")
@@ -132,10 +143,19 @@ class EdgeWorker:
                     self.maps.delayed(robot, time.time() - received.sent_s)
                 self._feed(slam.FrameCame(received.message))
 
+    async def _hear_robots(self) -> None:
+        async for token in self._bus.watch_alive(keys.robot_alive(keys.ANY)):
+            _, robot = keys.owner(token.key)
+            self._feed(slam.RobotSeen(robot, token.alive, time.monotonic()))
+
+    async def _hear_link(self) -> None:
+        async for link in self._bus.watch_link():
+            self._feed(slam.Linked(link.up, time.monotonic()))
+
     async def _tick(self) -> None:
         while True:
             await asyncio.sleep(TICK_S)
-            self._feed(slam.Tick())
+            self._feed(slam.Tick(time.monotonic()))
 
     async def _publish_maps(self) -> None:
         while True:
@@ -155,15 +175,21 @@ class EdgeWorker:
                     stream = self._frames[robot] = self._bus.subscribe(keys.robot_frames(robot), depth=1024)
                     self._start(self._hear_frames(robot, stream), f"frames of {robot}")
             case Open():
-                self._start(self._open_instance(step), f"open {step.robot}")
+                self._start(self._answered(self._kernels.open(step)), f"open {step.robot}")
             case Feed():
-                self._start(self._process(step), f"scan of {step.robot}")
-            case Fetch():
-                self._start(self._fetch(step), f"fetch from {step.robot}")
+                self._start(self._answered(self._kernels.process(step)), f"scan of {step.robot}")
+            case Keep():
+                self._start(self._answered(self._kernels.keep(step)), f"keep {step.robot}")
             case Finish():
                 self._start(self._finish(step), f"finish {step.robot}")
+            case Fetch():
+                self._start(self._fetch(step), f"fetch from {step.robot}")
             case Acknowledge(robot):
                 self._start(self._acknowledge(robot), f"ack to {robot}")
+            case GiveUp(robot, _, seq):
+                last = f"vanished at frame {seq}" if seq >= 0 else "vanished, and nothing of it is left"
+                log.warning("robot given up", extra={"robot": robot, "frame": seq})
+                self._report.problem(f"robot/{robot}: {last}; its map is final as it is, until it comes back")
             case Claim():
                 self._start(self._bus.latch(keys.edge_claims(self.edge), self.state.claims()), "claims")
             case Release(robot):
@@ -174,50 +200,14 @@ class EdgeWorker:
     def _start(self, work: Coroutine[Any, Any, None], name: str) -> None:
         self._tasks.create_task(work, name=name)
 
+    async def _answered(self, work: Coroutine[Any, Any, slam.Event | None]) -> None:
+        event = await work
+        if event is not None:
+            self._feed(event)
+
     def _worker_died(self, number: int, how: str) -> None:
-        self._report.problem(f"SLAM worker {number} {how}; its robots' maps are made anew")
+        self._report.problem(f"SLAM worker {number} {how}; its robots go on from their checkpoints")
         self._feed(slam.WorkerDied(number))
-
-    async def _open_instance(self, step: Open) -> None:
-        slam_config = self._fleet.slam
-        try:
-            await self._pool.call(
-                step.worker,
-                "open",
-                robot=step.robot,
-                life=step.life,
-                kernel=slam_config.kernel,
-                settings=slam_config.settings,
-                seed=self._fleet.seed,
-            )
-        except WorkerDied:
-            return  # the guard tells, and the instance is opened again
-        log.info("SLAM instance open", extra={"robot": step.robot, "worker": step.worker, "life": step.life})
-        self._feed(slam.Opened(step.robot, step.life))
-
-    async def _process(self, step: Feed) -> None:
-        instance = self.state.instances.get(step.robot)
-        if instance is None or instance.life != step.life:
-            return  # begun anew meanwhile
-        frame, failed = step.frame, False
-        try:
-            done = await self._pool.call(instance.worker, "process", robot=step.robot, data=encode(frame))
-        except WorkerDied:
-            return  # the guard tells
-        except WorkerError as error:
-            failed = True
-            self._report.problem(f"robot/{step.robot}: frame {frame.seq} set aside: {error}")
-        else:
-            self._tell_pose(frame, done["pose"])
-        self._feed(slam.FrameDone(step.robot, step.life, frame.seq, failed))
-
-    def _tell_pose(self, frame: Frame, pose: list[float]) -> None:
-        if not all(map(math.isfinite, pose)):
-            self._report.problem(f"robot/{frame.robot}: no pose after frame {frame.seq}: {pose}")
-            return
-        x, y, theta = pose
-        update = PoseUpdate(robot=frame.robot, edge=self.edge, seq=frame.seq, stamp=frame.stamp, pose=(x, y, theta))
-        self._bus.put(keys.edge_pose(self.edge, frame.robot), update)
 
     async def _fetch(self, step: Fetch) -> None:
         params: dict[str, str | int] = {"from": step.start}
@@ -249,22 +239,14 @@ class EdgeWorker:
         return frame
 
     async def _finish(self, step: Finish) -> None:
-        instance = self.state.instances.get(step.robot)
-        if instance is None or instance.life != step.life:
-            return
-        try:
-            await self._pool.call(instance.worker, "finish", robot=step.robot)
-        except WorkerDied:
-            return
-        except WorkerError as error:
-            self._report.problem(f"robot/{step.robot}: last refinement failed: {error}")
-        self._feed(slam.InstanceFinished(step.robot, step.life))
+        await self._answered(self._kernels.finish(step))
+        await self._report.tell()  # first: who has the final map must not find a state from before it
         await self.maps.tell(step.robot)
 
     async def _close(self, step: Release) -> None:
         robot = step.robot
         with contextlib.suppress(WorkerDied):
-            await self._pool.call(step.worker, "close", robot=robot, life=step.life)
+            await self._kernels.close(step)
         for key in (keys.edge_ack(self.edge, robot), keys.edge_robot_map(self.edge, robot)):
             if robot not in self.state.instances:  # it may have come back
                 await self._bus.unlatch(key)
@@ -279,7 +261,7 @@ class EdgeWorker:
                 stream=instance.stream,
                 epoch=instance.epoch,
                 processed=instance.processed,
-                durable=-1,  # until instances are checkpointed, only the robot's spool outlives this edge
+                durable=instance.keeping.durable,
                 window=self._fleet.edge.window,
             )
             await self._bus.latch(keys.edge_ack(self.edge, robot), ack)

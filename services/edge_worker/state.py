@@ -11,7 +11,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import count
 
+from common.presence import Presence, RouterLink, seen
 from common.wire import Claims, EndOfStream, Epoch, Frame, RobotProfile, Routes
+from services.edge_worker.checkpoint import Checkpoint, Keeping
 from services.edge_worker.instance import Instance, Phase
 from services.edge_worker.instructions import Claim, Instructions, Listen, Release
 
@@ -24,9 +26,36 @@ class Routed:
 
 
 @dataclass(frozen=True)
+class RobotSeen:
+    robot: str
+    alive: bool
+    now: float
+
+
+@dataclass(frozen=True)
+class Linked:
+    """The router is there, or is lost."""
+
+    up: bool
+    now: float
+
+
+@dataclass(frozen=True)
 class Opened:
     robot: str
     life: int
+    restored: Checkpoint | None = None
+    durable: bool = False
+    """the checkpoint outlives this edge"""
+
+
+@dataclass(frozen=True)
+class KeptDurably:
+    """A checkpoint lies where it outlives this edge."""
+
+    robot: str
+    life: int
+    seq: int
 
 
 @dataclass(frozen=True)
@@ -87,10 +116,15 @@ class WorkerDied:
 class Tick:
     """About once a second."""
 
+    now: float
+
 
 Event = (
     Routed
+    | RobotSeen
+    | Linked
     | Opened
+    | KeptDurably
     | FrameCame
     | PageCame
     | FetchFailed
@@ -112,6 +146,11 @@ class EdgeState:
     window: int
     first_life: int = 0
     """lives count from here: other processes of this edge's name counted from elsewhere"""
+    lease_s: float = 60.0
+    """for which a robot that is gone is waited for"""
+    keep_frames: int = 1000
+    keep_s: float = 60.0
+    """a kernel is kept every so many frames, or seconds"""
     epoch: Epoch = (0, 0)
     """of the latest routing table"""
     instances: dict[str, Instance] = field(default_factory=dict)
@@ -121,6 +160,8 @@ class EdgeState:
     lives: dict[str, int] = field(default_factory=dict)
     """robot → last life of an instance that was released"""
     turns: Iterator[int] = field(default_factory=count)
+    robots: dict[str, Presence] = field(default_factory=dict)
+    link: RouterLink = field(default_factory=RouterLink)
 
     def handle(self, event: Event) -> Instructions:
         """Take one event. What concerns robots that do not run here, or an earlier life, changes nothing."""
@@ -141,8 +182,13 @@ class EdgeState:
                 return self._profiled(profile)
             case WorkerDied(worker):
                 return self._worker_died(worker)
-            case Tick():
-                return [step for each in self.instances.values() for step in each.tick()]
+            case RobotSeen(robot, alive, now):
+                return self._robot_seen(robot, alive, now)
+            case Linked(up, now):
+                self.link.changed(up, now)
+                return []
+            case Tick(now):
+                return [step for each in self.instances.values() for step in self._tick(each, now)]
             case _:
                 return self._answered(event)
 
@@ -157,13 +203,17 @@ class EdgeState:
             assert 0 <= instance.worker < self.workers
             instance.validate()
 
-    def _answered(self, event: Opened | PageCame | FetchFailed | FrameDone | InstanceFinished) -> Instructions:
+    def _answered(
+        self, event: Opened | KeptDurably | PageCame | FetchFailed | FrameDone | InstanceFinished
+    ) -> Instructions:
         instance = self.instances.get(event.robot)
         if instance is None or instance.life != event.life:
             return []
         match event:
-            case Opened():
-                return instance.opened()
+            case Opened(_, _, restored, durable):
+                return instance.opened(restored, durable)
+            case KeptDurably(_, _, seq):
+                return instance.kept_durably(seq)
             case PageCame(_, _, stream, frames, oldest, following):
                 return instance.page_came(stream, frames, oldest, following)
             case FetchFailed():
@@ -172,6 +222,20 @@ class EdgeState:
                 return instance.frame_done(seq, failed)
             case InstanceFinished():
                 return instance.finished()
+
+    def _robot_seen(self, robot: str, alive: bool, now: float) -> Instructions:
+        seen(self.robots, robot, alive, now)
+        instance = self.instances.get(robot)
+        if instance is None or not alive:
+            return []
+        return [*instance.came_back(), *self._end_known(instance)]
+
+    def _tick(self, instance: Instance, now: float) -> Instructions:
+        presence = self.robots.setdefault(instance.robot, Presence(False, now))
+        if instance.stirred and not presence.alive:
+            presence.since = now  # there is still something of it to be done
+        expired = self.link.missed_for(presence, now) > self.lease_s
+        return [*instance.tick(now), *(instance.give_up() if expired else [])]
 
     def _profiled(self, profile: RobotProfile) -> Instructions:
         self.profiles[profile.robot] = profile
@@ -217,7 +281,8 @@ class EdgeState:
         load = Counter(each.worker for each in self.instances.values() if each.phase is not Phase.FINAL)
         worker = min(range(self.workers), key=lambda number: (load[number], number))
         life = self.lives.get(robot, self.first_life)
-        instance = Instance(robot, epoch, worker, self.window, life, self.turns)
+        keeping = Keeping(self.keep_frames, self.keep_s)
+        instance = Instance(robot, epoch, worker, self.window, life, self.turns, keeping)
         self.instances[robot] = instance
         if robot in self.profiles:
             instance.stream = self.profiles[robot].stream

@@ -24,6 +24,7 @@ from common.wire import (
     Route,
     Transforms,
 )
+from common.wire.edge import VANISHED
 from services.scheduler.links import Links, as_stated
 from services.scheduler.noise import Noise
 from services.scheduler.profile import Profile
@@ -96,7 +97,7 @@ class Inputs:
 
     def _edge_status(self, status: EdgeStatus) -> None:
         self._cores[status.edge] = max(1, status.cores)
-        busy = [each for each in status.instances if each.state != "final"]
+        busy = [each for each in status.instances if each.state not in ("final", VANISHED)]
         at_once = min(len(busy), self.cores(status.edge))
         crowd = max(1.0, at_once / status.cores) if status.cores > 0 else 1.0  # a scan in one worker slows no other's
         for each in busy:

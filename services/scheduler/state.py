@@ -2,10 +2,11 @@
 
 A robot is placed at the tick after it and its profile have come, by load: a fleet that comes at once is one table, not
 one each. Plans regroup robots at intervals, and an edge that cannot keep up loses robots whatever is planned. A robot
-that has left keeps its route: its map stays in the fused maps. An edge that is gone for longer than the grace time
-loses its robots to the others, which rebuild them from their spools. When the router is lost, nobody is declared gone:
-everybody seems to be. Every table has an epoch (term, n), the term one higher than that of any claim that is heard, so
-that the tables of an earlier scheduler are fenced off. Events in, instructions out; times come with the events.
+that has left keeps its route: its map stays in the fused maps, and at the edge that has made it. An edge that is gone
+for longer than the grace time loses its robots to the others, which make their maps from checkpoints and spools. When
+the router is lost, nobody is declared gone: everybody seems to be. Every table has an epoch (term, n), the term one
+higher than that of any claim that is heard, so that the tables of an earlier scheduler are fenced off. Events in,
+instructions out; times come with the events.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
+from common.presence import Presence, RouterLink, seen
 from common.wire import Claims, Epoch, RobotProfile, Route, Routes
 from services.scheduler.events import (
     Claimed,
@@ -41,12 +43,6 @@ SAID = 32
 
 
 @dataclass
-class Presence:
-    alive: bool = True
-    since: float = 0.0
-
-
-@dataclass
 class SchedulerState:
     topology: Topology
     expected_edges: tuple[str, ...]
@@ -57,8 +53,7 @@ class SchedulerState:
     edges: dict[str, Presence] = field(default_factory=dict)
     profiles: dict[str, RobotProfile] = field(default_factory=dict)
     routes: dict[str, Route] = field(default_factory=dict)
-    link_up: bool = True
-    link_since: float = float("-inf")
+    link: RouterLink = field(default_factory=RouterLink)
     planning: bool = False
     moved: int = 0
     wished: dict[str, tuple[str, str]] = field(default_factory=dict)
@@ -76,14 +71,13 @@ class SchedulerState:
     def handle(self, event: Event) -> list[Instruction]:
         match event:
             case RobotSeen(robot, alive, now):
-                self._seen(self.robots, robot, alive, now)
+                seen(self.robots, robot, alive, now)
             case EdgeSeen(edge, alive, now):
-                self._seen(self.edges, edge, alive, now)
+                seen(self.edges, edge, alive, now)
             case Profiled(profile):
                 self.profiles[profile.robot] = profile
             case Linked(up, now):
-                if up != self.link_up:
-                    self.link_up, self.link_since = up, now
+                self.link.changed(up, now)
             case Claimed(claims, now):
                 return self._claimed(claims, now)
             case Planned():
@@ -101,10 +95,10 @@ class SchedulerState:
 
     def usable_edges(self, now: float) -> list[str]:
         """Edges that are there, or whose absence is too fresh (or too widespread) to act on."""
-        return sorted(edge for edge, seen in self.edges.items() if seen.alive or not self._is_gone(seen, now))
+        return sorted(edge for edge, presence in self.edges.items() if not self._is_gone(presence, now))
 
     def alive_edges(self) -> list[str]:
-        return sorted(edge for edge, seen in self.edges.items() if seen.alive)
+        return sorted(edge for edge, presence in self.edges.items() if presence.alive)
 
     def reachable(self, robot: str, edges: list[str]) -> list[str]:
         """Those of the edges that the robot can reach; none before its profile tells."""
@@ -127,32 +121,32 @@ class SchedulerState:
             assert route.epoch <= self.epoch, f"{robot} has a route of the future"
             assert {route.slam_edge, route.fuse_edge} <= set(self.edges), f"{robot} is routed to an edge unheard of"
 
-    def _seen(self, known: dict[str, Presence], name: str, alive: bool, now: float) -> None:
-        before = known.get(name)
-        if before is None or before.alive != alive:
-            known[name] = Presence(alive, now)
-
     def _steady(self, now: float) -> bool:
         """The router has been there for the grace time: who is there has shown it."""
-        return self.link_up and now - self.link_since > self.grace_s
+        return self.link.up_for(now) > self.grace_s
 
-    def _is_gone(self, seen: Presence, now: float) -> bool:
+    def _is_gone(self, edge: Presence, now: float) -> bool:
         """Gone for longer than the grace time, in which the router was there all along."""
-        return not seen.alive and self._steady(now) and now - seen.since > self.grace_s
+        return self.link.missed_for(edge, now) > self.grace_s
+
+    def _stays(self, robot: str) -> bool:
+        """A robot that is not there keeps its SLAM edge: nobody else could make its map."""
+        presence = self.robots.get(robot)
+        return presence is None or not presence.alive
 
     def _settled(self, now: float) -> bool:
-        first = min((seen.since for seen in self.edges.values()), default=now)
+        first = min((presence.since for presence in self.edges.values()), default=now)
         return bool(self.routes) or now - first > SETTLE_S or all(edge in self.edges for edge in self.expected_edges)
 
     def _place(self, now: float) -> list[Instruction]:
         """Give a route to every present robot that has none, or whose edge is gone or out of its reach."""
-        if not self.link_up or not self._settled(now):
+        if not self.link.up or not self._settled(now):
             return []
         usable, alive, load = set(self.usable_edges(now)), self.alive_edges(), self.load()
         reasons = []
-        for robot, seen in sorted(self.robots.items()):
+        for robot, presence in sorted(self.robots.items()):
             route = self.routes.get(robot)
-            if robot not in self.profiles or (route is None and not seen.alive):
+            if robot not in self.profiles or (route is None and not presence.alive):
                 continue  # where it reaches is not known
             if route is None or route.slam_edge not in usable or not self.reachable(robot, [route.slam_edge]):
                 reasons += self._put(robot, route, alive, load)
@@ -219,7 +213,7 @@ class SchedulerState:
         for robot, fuse in sorted(plan.fuse.items()):
             old = self.routes[robot]
             slam = plan.slam.get(robot, old.slam_edge)
-            slam = slam if slam in rested else old.slam_edge
+            slam = slam if slam in rested and not self._stays(robot) else old.slam_edge
             if (slam, fuse) == (old.slam_edge, old.fuse_edge):
                 continue
             if slam not in self.reachable(robot, alive):
@@ -238,7 +232,7 @@ class SchedulerState:
         alive, moves = self.alive_edges(), []
         self.relieved[relief.edge] = relief.now
         for robot, edge in sorted(relief.moves.items()):
-            if not self._steady(relief.now) or edge not in self.reachable(robot, alive):
+            if not self._steady(relief.now) or edge not in self.reachable(robot, alive) or self._stays(robot):
                 continue
             route = Route(slam_edge=edge, fuse_edge=self.routes[robot].fuse_edge, epoch=(self.term, self.count + 1))
             self.routes[robot] = route

@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 from harness import Cluster, all_gone, children, cluster, fleet
 
-from common.wire import GlobalMapNotice
+from common.bus import keys
+from common.wire import EdgeStatus, GlobalMapNotice, RobotStatus
+from common.wire.edge import VANISHED
 
 pytestmark = [pytest.mark.cluster, pytest.mark.timeout(240)]
 
@@ -91,6 +93,55 @@ async def test_robots_with_an_edge_each_and_no_preparative_fusion_give_the_same_
     async with cluster(fleet(topology="cloud", robots=robots, edges=edges), tmp_path) as made:
         await made.start_all()
         await finish(made, undisturbed)
+
+
+async def test_a_robot_that_is_gone_for_good_is_not_waited_for_and_one_that_comes_back_is_in_the_map_wholly(
+    tmp_path: Path, undisturbed: GlobalMapNotice
+) -> None:
+    edge = {"workers": 1, "map_every_s": 0.5, "lease_s": 3.0, "window": 8}
+    async with cluster(fleet(edge=edge), tmp_path) as made:
+        await made.start_all()
+        home = await made.processed("r2", SOME)
+        await made.kill("r2")
+        final = await made.final()
+        last, whole = final.covers["r2"].seq, undisturbed.covers["r2"].seq
+        assert SOME <= last < whole
+        assert final.covers["r1"].seq == undisturbed.covers["r1"].seq
+
+        def vanished(status: EdgeStatus) -> bool:
+            return ("r2", VANISHED, last) in [(each.robot, each.state, each.processed) for each in status.instances]
+
+        status = await made.edge_status(home, vanished)
+        assert any(f"robot/r2: vanished at frame {last}" in problem for problem in status.problems)
+        await made.start("r2")
+        back = await made.hear(keys.CLOUD_MAP, GlobalMapNotice, lambda n: n.final and n.covers["r2"].seq == whole)
+        assert back.world_epoch > final.world_epoch
+        assert back.digest == undisturbed.digest
+        assert made.faults() == []
+
+
+async def test_robots_forget_what_is_in_a_checkpoint_and_an_edge_that_dies_then_leaves_no_trace_in_the_map(
+    tmp_path: Path, undisturbed: GlobalMapNotice
+) -> None:
+    edge = {"workers": 1, "map_every_s": 0.5, "window": 8}
+    edge |= {"checkpoints": str(tmp_path / "checkpoints"), "checkpoint_frames": 20}
+    async with cluster(fleet(edge=edge), tmp_path) as made:
+        await made.start_all()
+        home = await made.processed("r1", SOME)
+
+        def trimmed(status: RobotStatus) -> bool:
+            return 0 < status.spooled < status.sent
+
+        await made.hear(keys.robot_status("r1"), RobotStatus, trimmed)
+        await made.kill(home)
+        await finish(made, undisturbed)
+        gaps = [
+            each.gaps
+            for name in made.fleet.edge_ids()
+            if name != home
+            for each in (await made.edge_status(name)).instances
+        ]
+        assert gaps == [0, 0]
 
 
 def computing(*pids: int, what: str = "Host") -> set[int]:

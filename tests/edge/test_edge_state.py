@@ -1,18 +1,13 @@
-"""All instances of an edge, by events; and any interleaving of frames, pages, deaths and routes."""
+"""All instances of an edge, by events."""
 
 from __future__ import annotations
 
-import random
-from collections import defaultdict
-
 from edge_samples import OTHER, STREAM, frame, profile, routes
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from common.wire import EndOfStream
 from services.edge_worker import state as slam
 from services.edge_worker.instance import Phase
-from services.edge_worker.instructions import Claim, Feed, Fetch, Finish, Instruction, Listen, Open, Release
+from services.edge_worker.instructions import Claim, Instruction, Open, Release
 from services.edge_worker.state import EdgeState
 
 
@@ -100,108 +95,3 @@ def test_frames_of_robots_not_run_here_are_counted() -> None:
     state = edge()
     assert state.handle(slam.FrameCame(frame(0))) == []
     assert state.counters["frames of robots not run here"] == 1
-
-
-class World:
-    """Robots with spools, workers that answer in order, and a network that loses, doubles and reorders."""
-
-    def __init__(self, seed: int, robots: int, frames: int) -> None:
-        self.random = random.Random(seed)
-        self.robots = [f"r{k}" for k in range(robots)]
-        self.frames, self.sent = frames, dict.fromkeys(self.robots, 0)
-        self.state = EdgeState("e1", 2, window=8)
-        self.pending: list[slam.Event] = []
-        self.queues: dict[int, list[slam.Event]] = defaultdict(list)
-        self.fed: dict[tuple[str, int], list[int]] = defaultdict(list)
-        self.count = 1
-        self.route(dict.fromkeys(self.robots, "e1"))
-
-    def route(self, slam_edges: dict[str, str]) -> None:
-        self.give(slam.Routed(routes(self.count, slam_edges, epochs=dict.fromkeys(slam_edges, self.count))))
-        self.count += 1
-
-    def give(self, event: slam.Event) -> None:
-        for step in self.state.handle(event):
-            self.carry_out(step)
-        self.state.validate()
-
-    def carry_out(self, step: Instruction | Claim) -> None:
-        match step:
-            case Open(robot, life, worker):
-                self.queues[worker].append(slam.Opened(robot, life))
-            case Feed(robot, life, sample):
-                self.fed[robot, life].append(sample.seq)
-                done = slam.FrameDone(robot, life, sample.seq, failed=self.random.random() < 0.1)
-                self.queues[self.state.instances[robot].worker].append(done)
-            case Finish(robot, life):
-                self.queues[self.state.instances[robot].worker].append(slam.InstanceFinished(robot, life))
-            case Fetch(robot, life, _, start):
-                self.pending.append(self.page(robot, life, start))
-            case Release() | Listen() | Claim():
-                pass
-
-    def page(self, robot: str, life: int, start: int) -> slam.Event:
-        if self.random.random() < 0.2:
-            return slam.FetchFailed(robot, life)
-        end = min(start + self.random.randint(1, 6), self.sent[robot])
-        frames = tuple(frame(seq, robot) for seq in range(start, end))
-        return slam.PageCame(robot, life, STREAM, frames, 0, end if end < self.sent[robot] else None)
-
-    def anything(self) -> None:
-        kind = self.random.random()
-        robot = self.random.choice(self.robots)
-        if kind < 0.4 and self.sent[robot] < self.frames:
-            for _ in range(self.random.choice((0, 1, 1, 2))):
-                self.pending.append(slam.FrameCame(frame(self.sent[robot], robot)))
-            self.sent[robot] += 1
-        elif kind < 0.6 and self.pending:
-            self.give(self.pending.pop(self.random.randrange(len(self.pending))))
-        elif kind < 0.9:
-            self.work(self.random.randrange(2))
-        elif kind < 0.92:
-            self.die(self.random.randrange(2))
-        elif kind < 0.94:
-            self.route({each: self.random.choice(("e1", "e1", "e2")) for each in self.robots})
-        else:
-            self.give(slam.Tick())
-
-    def work(self, worker: int) -> None:
-        if self.queues[worker]:
-            self.give(self.queues[worker].pop(0))
-
-    def die(self, worker: int) -> None:
-        late = self.queues.pop(worker, [])
-        self.give(slam.WorkerDied(worker))
-        self.pending += late  # answers of the dead may still be on their way to the state
-
-    def settle(self) -> None:
-        """Everything is sent and delivered in the end."""
-        self.route(dict.fromkeys(self.robots, "e1"))
-        for robot in self.robots:
-            self.sent[robot] = self.frames
-            self.give(slam.Ended(EndOfStream(robot=robot, stream=STREAM, last_seq=self.frames - 1)))
-        for _ in range(60 * self.frames + 200):
-            for worker in range(2):
-                self.work(worker)
-            if self.pending:
-                self.give(self.pending.pop())
-            else:
-                self.give(slam.Tick())
-
-
-@settings(max_examples=150, deadline=None)
-@given(seed=st.integers(0, 2**32), steps=st.integers(0, 300), robots=st.integers(1, 3), frames=st.integers(0, 30))
-def test_every_frame_is_fed_once_in_order_in_each_life_and_all_becomes_final(
-    seed: int, steps: int, robots: int, frames: int
-) -> None:
-    world = World(seed, robots, frames)
-    for _ in range(steps):
-        world.anything()
-    world.settle()
-    for seqs in world.fed.values():
-        assert seqs == sorted(set(seqs))
-    for robot, instance in world.state.instances.items():
-        assert instance.phase is Phase.FINAL
-        aside = {seq for seq, deaths in instance.deaths.items() if deaths >= 2}
-        assert world.fed[robot, instance.life] == [seq for seq in range(frames) if seq not in aside]
-        assert instance.gaps == 0

@@ -7,6 +7,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
@@ -71,12 +72,26 @@ class SlamHost:
         create(kernel, {})
         warmup(kernel)
 
-    def open(self, robot: str, life: int, kernel: str, settings: dict[str, Any], seed: int) -> None:
-        """A fresh instance; an older one of this robot is forgotten. `life` tells its map from any other's."""
-        made = create(kernel, settings, seed)
+    def open(
+        self,
+        robot: str,
+        life: int,
+        kernel: str,
+        settings: dict[str, Any],
+        seed: int,
+        snapshot: bytes | None = None,
+    ) -> None:
+        """An instance that goes on from a snapshot, or a fresh one; an older one of this robot is forgotten.
+
+        `life` tells its map from any other's. Raises SnapshotRefused.
+        """
+        made, seq, spent_s = create(kernel, settings, seed), -1, 0.0
+        if snapshot is not None:
+            seq, spent_s, state = msgpack.unpackb(snapshot, max_bin_len=len(snapshot))
+            made.restore(state)
         resolution, version = made.map().resolution, first_version(life)
         self._instances[robot] = Instance(
-            made, life, MarkedMap(resolution, version), Raster(resolution, version=version)
+            made, life, MarkedMap(resolution, version), Raster(resolution, version=version), seq, spent_s=spent_s
         )
 
     def close(self, robot: str, life: int) -> None:
@@ -100,6 +115,11 @@ class SlamHost:
         while end - instance.recent[0][0] > RECENT_S:
             instance.recent.popleft()
         return {"pose": [float(v) for v in estimate.pose], "stamp": frame.stamp, "matched": bool(estimate.matched)}
+
+    def snapshot(self, robot: str) -> bytes:
+        """What another instance can go on from."""
+        instance = self._instance(robot)
+        return bytes(msgpack.packb([instance.seq, instance.spent_s, instance.kernel.snapshot()]))
 
     def finish(self, robot: str) -> None:
         """The robot's stream has ended: refine once more; the map is final, also when the refinement fails."""
