@@ -7,7 +7,8 @@ the log says, and each robot's map is asked for every `TICK_S`, as an edge does.
 other, so that a frame waits for all that came before it: that wait is reckoned on the log's clock from the CPU time
 that each call took, and what else the machine does counts for nothing. Between calls the worker does what can wait
 (`SlamHost.idle`), and a frame that comes meanwhile waits for the end of a round. Memory is the peak, with a snapshot
-of each robot at the end, over what the idle warm worker had. `--ready N`: starts N workers instead and times them.
+of each robot at the end, over what the idle warm worker had. `--ready N`: instead, how soon N workers of an edge are
+ready.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ import numpy as np
 from bench.slam import LOGS, OUT, data, sweeps
 from common.telemetry import process_stats
 from common.wire import encode
-from common.workers import Worker
+from common.workers import Template
 from common.workers.child import REST_S
 from services.edge_worker.pool import TARGET
 from services.edge_worker.slam.host import SlamHost
@@ -165,21 +166,28 @@ class Peak:
 
 
 async def ready(kernel: str, workers: int) -> list[float]:
-    """s from the start of a worker until it could take its first robot."""
+    """s until each worker of an edge could take a robot: the first from the start of the edge's template on."""
     out = []
-    for _ in range(workers):
-        begin = time.perf_counter()
-        worker = await Worker.start(TARGET)
-        try:
-            await worker.call("warm", kernel=kernel)
+    begin = time.perf_counter()
+    template = await Template.start(TARGET, kernel=kernel)
+    try:
+        for _ in range(workers):
+            worker = await template.fork()
+            await worker.ready()
             out.append(time.perf_counter() - begin)
-        finally:
             await worker.close()
+            begin = time.perf_counter()
+    finally:
+        await template.close()
     return out
 
 
 def ready_line(kernel: str, seconds: list[float]) -> str:
-    return f"{kernel:8s} worker ready after {median(seconds):.2f} s ({min(seconds):.2f} to {max(seconds):.2f})"
+    others = seconds[1:] or seconds
+    return (
+        f"{kernel:8s} the first worker ready after {seconds[0]:.2f} s, another one after {median(others) * 1e3:.0f} ms "
+        f"({min(others) * 1e3:.0f} to {max(others) * 1e3:.0f})"
+    )
 
 
 def line(row: dict[str, Any]) -> str:

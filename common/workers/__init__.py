@@ -1,5 +1,6 @@
 """Worker processes that compute, so that a service's event loop never does."""
 
+from common.workers.template import Template
 from common.workers.worker import Worker, WorkerError
 
-__all__ = ["Worker", "WorkerError"]
+__all__ = ["Template", "Worker", "WorkerError"]

@@ -5,6 +5,9 @@ with `[id, true, result]` or `[id, false, message]`. The class is made once; its
 called. While no request waits, its method `idle`, if it has one, is called for as long as it returns true: there it
 does what can wait, a few milliseconds at a time. A thread watches the socket: when the parent is gone, even by kill -9,
 the process ends at once, whatever it was computing.
+
+With a third argument, msgpack in hexadecimal of what `warm` is to be called with, this is a template, and FD the socket
+over which it is given one socket for each worker to be forked (see forking.py).
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from typing import Any
 import msgpack
 
 from common.errors import RecslamError
+from common.workers.forking import forked
 from common.workers.framing import HEAD
 
 REST_S = 0.0005
@@ -28,12 +32,14 @@ REST_S = 0.0005
 
 
 def main() -> None:
-    target, fd = sys.argv[1], int(sys.argv[2])
-    module, _, name = target.partition(":")
-    channel = socket.socket(fileno=fd)
+    target, fd, *template = sys.argv[1:]
+    channel = socket.socket(fileno=int(fd))
+    if template:
+        host, channel = forked(lambda: _made(target), channel, msgpack.unpackb(bytes.fromhex(template[0])))
     requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(channel, requests), name="requests", daemon=True).start()
-    host = getattr(importlib.import_module(module), name)()
+    if not template:
+        host = _made(target)
     _send(channel, [0, True, os.getpid()])
     busy = True
     while True:
@@ -44,6 +50,11 @@ def main() -> None:
             continue
         _send(channel, [request_id, *_call(host, method, arguments)])
         busy = True
+
+
+def _made(target: str) -> Any:
+    module, _, name = target.partition(":")
+    return getattr(importlib.import_module(module), name)()
 
 
 def _idle(host: object) -> bool:

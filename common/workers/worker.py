@@ -8,7 +8,7 @@ import itertools
 import os
 import socket
 import sys
-from typing import Any
+from typing import Any, Protocol
 
 import msgpack
 
@@ -21,6 +21,20 @@ ONE_THREAD = dict.fromkeys(
 """Workers are as many as cores: threads inside them would only fight."""
 
 
+class Process(Protocol):
+    """What a worker needs to know of its process."""
+
+    @property
+    def pid(self) -> int: ...
+
+    @property
+    def returncode(self) -> int | None: ...
+
+    def kill(self) -> None: ...
+
+    async def wait(self) -> int: ...
+
+
 class WorkerError(RecslamError):
     """A call failed inside the worker; the worker itself goes on."""
 
@@ -31,7 +45,7 @@ class Worker:
     `target` is "module:Class". Start with `await Worker.start(target)`, end with `await worker.close()`.
     """
 
-    def __init__(self, target: str, process: asyncio.subprocess.Process, channel: socket.socket) -> None:
+    def __init__(self, target: str, process: Process, channel: socket.socket) -> None:
         self.target = target
         self.process = process
         self._channel = channel
@@ -47,22 +61,7 @@ class Worker:
     @classmethod
     async def start(cls, target: str) -> Worker:
         """A worker whose process has been started; it is ready when the first call returns."""
-        ours, theirs = socket.socketpair()
-        try:
-            process = await asyncio.create_subprocess_exec(
-                sys.executable,
-                "-m",
-                "common.workers.child",
-                target,
-                str(theirs.fileno()),
-                pass_fds=(theirs.fileno(),),
-                stdin=asyncio.subprocess.DEVNULL,
-                env={**os.environ, **ONE_THREAD},
-                start_new_session=True,  # a Ctrl-C at the terminal is for the parent, who closes us in order
-            )
-        finally:
-            theirs.close()
-        return cls(target, process, ours)
+        return cls(target, *await spawn(target))
 
     async def ready(self) -> int:
         """Wait until the class has been made; gives the process id. Raises WorkerDied."""
@@ -114,8 +113,8 @@ class Worker:
             pass
         finally:
             self._writer.close()
-            await self.process.wait()
-            self._fail(WorkerDied(f"worker {self.process.pid} ({self.target}) ended with {self.process.returncode}"))
+            code = await self.process.wait()
+            self._fail(WorkerDied(f"worker {self.process.pid} ({self.target}) ended with {code}"))
             self.gone.set()
 
     def _answer(self, request_id: int, ok: bool, result: Any) -> None:
@@ -135,3 +134,27 @@ class Worker:
                 future.set_exception(error)
         if self._ready.done() and self._ready.exception() is not None:
             self._ready.exception()  # retrieved: a worker that nobody called may die unheard
+
+
+async def spawn(target: str, *arguments: str) -> tuple[asyncio.subprocess.Process, socket.socket]:
+    """A process for "module:Class" and the socket to it."""
+    ours, theirs = socket.socketpair()
+    try:
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            "common.workers.child",
+            target,
+            str(theirs.fileno()),
+            *arguments,
+            pass_fds=(theirs.fileno(),),
+            stdin=asyncio.subprocess.DEVNULL,
+            env={**os.environ, **ONE_THREAD},
+            start_new_session=True,  # a Ctrl-C at the terminal is for the parent, who closes us in order
+        )
+    except BaseException:
+        ours.close()
+        raise
+    finally:
+        theirs.close()
+    return process, ours

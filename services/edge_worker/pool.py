@@ -1,4 +1,4 @@
-"""The pool of SLAM worker processes of one edge, with a warm spare that takes a dead one's place at once."""
+"""The pool of SLAM worker processes of one edge, forked from a warm template: a dead one is replaced at once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from common.errors import WorkerDied
-from common.workers import Worker, WorkerError
+from common.workers import Template, Worker, WorkerError
 from services.edge_worker.patience import Patience, activity
 
 TARGET = "services.edge_worker.slam.host:SlamHost"
@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 
 class Pool:
-    """`size` workers by number, and one spare.
+    """`size` workers by number.
 
     `on_death(number, how)` is called on the loop once a worker has died and another stands under its number. A worker
     that spends more than `limit_s` on one scan is killed.
@@ -35,16 +35,19 @@ class Pool:
         self._size, self._kernel, self._limit_s, self._on_death = size, kernel, limit_s, on_death
         self._target = target
         self._workers: list[Worker] = []
-        self._spare: asyncio.Task[Worker] | None = None
+        self._template: Template | None = None
+        self._starting = asyncio.Lock()
+        """held while a template is being started"""
+        self._forks = True
+        """False for a kernel that cannot be forked, as it has threads: each of its workers is spawned and warms up"""
         self._guards: set[asyncio.Task[None]] = set()
         self._closing = False
 
     async def open(self) -> None:
-        """Start all workers; they warm up one after the other, since the first may have to compile for all."""
+        """Start all workers."""
         for number in range(self._size):
             self._workers.append(await self._warm_worker())
             self._guard(number)
-        self._spare = asyncio.create_task(self._warm_worker(), name="spare worker")
 
     async def call(self, number: int, method: str, /, **arguments: Any) -> Any:
         """Call a method of the worker with this number. Raises WorkerError, or WorkerDied."""
@@ -59,14 +62,20 @@ class Pool:
         for guard in self._guards:
             guard.cancel()
         await asyncio.gather(*self._guards, return_exceptions=True)
-        if self._spare is not None:
-            self._spare.cancel()
-            spare = (await asyncio.gather(self._spare, return_exceptions=True))[0]
-            if isinstance(spare, Worker):
-                self._workers.append(spare)
         await asyncio.gather(*(worker.close() for worker in self._workers))
+        if self._template is not None:
+            await self._template.close()
 
     async def _warm_worker(self) -> Worker:
+        async with self._starting:
+            if self._forks and (self._template is None or self._template.gone.is_set()):
+                try:
+                    self._template = await Template.start(self._target, kernel=self._kernel)
+                except WorkerError as error:
+                    log.warning("SLAM workers are not forked", extra={"reason": error})
+                    self._forks = False
+        if self._forks and self._template is not None:
+            return await self._template.fork()
         worker = await Worker.start(self._target)
         try:
             await worker.call("warm", kernel=self._kernel)
@@ -85,8 +94,6 @@ class Pool:
             how = await self._until_gone(worker)
             log.error("SLAM worker died", extra={"worker": number, "how": how})
             self._workers[number] = await self._next_worker()
-            if self._spare is None:
-                self._spare = asyncio.create_task(self._warm_worker(), name="spare worker")
             self._on_death(number, how)
 
     async def _until_gone(self, worker: Worker) -> str:
@@ -106,13 +113,10 @@ class Pool:
         return how or f"ended with code {worker.process.returncode}"
 
     async def _next_worker(self) -> Worker:
-        """The spare, or another one; what cannot be started is tried again."""
+        """Another one; what cannot be started is tried again."""
         while True:
-            spare, self._spare = self._spare, None
             try:
-                worker = await (spare or self._warm_worker())
-                if not worker.gone.is_set():
-                    return worker
+                return await self._warm_worker()
             except (WorkerDied, WorkerError, OSError) as error:
                 log.error("a SLAM worker did not come up; trying again", extra={"reason": error})
                 await asyncio.sleep(RETRY_S)

@@ -55,8 +55,8 @@ async def test_a_killed_slam_worker_and_a_killed_edge_leave_no_trace_in_the_map(
         await made.start_all()
         edge = await made.processed("r1", SOME)
         workers = computing(made.processes[edge].pid, what="SlamHost")
-        assert workers
-        os.kill(min(workers), signal.SIGKILL)
+        assert len(workers) > 1
+        os.kill(sorted(workers)[1], signal.SIGKILL)  # the first is the template of the others
         other = await made.processed("r2", SOME)
         pids = children(made.processes[other].pid)
         await made.kill(other)

@@ -2,7 +2,9 @@
 
 import os
 import signal
+import threading
 import time
+from pathlib import Path
 
 
 class Calculator:
@@ -25,6 +27,17 @@ class Calculator:
 
     def tire(self) -> None:
         self.tired = True
+
+    def warm(self, how: str) -> None:
+        if how == "fail":
+            raise ValueError("too cold")
+        if how == "thread":
+            threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
+        if how == "spin":
+            Path("/proc/self/comm").write_text("spinning")
+            while True:
+                pass
+        self.rounds = self.asked = 7
 
     def add(self, a: int, b: int) -> int:
         return a + b

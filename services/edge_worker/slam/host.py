@@ -28,7 +28,7 @@ IDLE_S = 0.003
 """work on maps that a frame may have to wait for if it comes just then"""
 ASKED_S = 0.01
 """the same where the map has been asked for"""
-BEHIND_S = 2.0
+BEHIND_S = 5.0
 """how long a map may stay as it was while it is drawn anew. A worker that was never idle meanwhile has more to do than
 it can, so that poses are late anyway: then all is drawn at once"""
 
