@@ -7,6 +7,7 @@ import logging
 import os
 import signal
 from asyncio.subprocess import DEVNULL, STDOUT, Process
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -35,6 +36,8 @@ class Children:
         self.folder, self._endpoint = folder, endpoint
         self._leash = Leash()
         self._processes: dict[str, Process] = {}
+        self._spared: set[str] = set()
+        """programs that were killed, and without which the others go on"""
 
     async def start(self, program: Program) -> None:
         await asyncio.sleep(program.delay_s)
@@ -54,12 +57,19 @@ class Children:
         """Process id of the program of this name."""
         return self._processes[name].pid
 
-    async def watch(self) -> None:
-        """Return never: raises ServiceDied as soon as a child has ended, also one that is started later."""
+    async def watch(self, spare: Callable[[str, str], bool] = lambda name, how: False) -> None:
+        """Return never: raises ServiceDied as soon as a child has ended, also one that is started later.
+
+        Of one that was killed or stopped from outside, `spare(name, how)` says whether the others go on without it.
+        """
         while True:
             for name, process in self._processes.items():
-                if process.returncode is not None:
-                    raise ServiceDied(_obituary(name, process.returncode, self.folder.log(name)))
+                code = process.returncode
+                if code is None or name in self._spared:
+                    continue
+                if code > 0 or not spare(name, _how(code)):
+                    raise ServiceDied(_obituary(name, code, self.folder.log(name)))
+                self._spared.add(name)
             await asyncio.sleep(0.1)
 
     async def stop(self) -> None:
@@ -96,7 +106,10 @@ def _environment() -> dict[str, str]:
     return environment
 
 
+def _how(code: int) -> str:
+    return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+
+
 def _obituary(name: str, code: int, path: Path) -> str:
-    how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
     tail = path.read_text(errors="replace").splitlines()[-TAIL_LINES:]
-    return "\n".join([f"{name} {how}; the end of {path}:", *(f"  {line}" for line in tail)])
+    return "\n".join([f"{name} {_how(code)}; the end of {path}:", *(f"  {line}" for line in tail)])

@@ -7,7 +7,7 @@ import os
 import shutil
 import signal
 import time
-from collections.abc import AsyncIterator, Coroutine, Iterator
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,9 +20,12 @@ from common.errors import PeerError
 from common.wire import GlobalMapNotice
 from services.command import accuracy, collect, fleets, report, results
 from services.command.children import Children
-from services.command.progress import shown
+from services.command.progress import Progress, shown
 from services.command.run_folder import Cluster, RunFolder
 from services.command.topology import arrange, programs
+
+Spare = Callable[[str, str], bool]
+"""(program, how it ended) → whether the others go on without it"""
 
 
 class Made(NamedTuple):
@@ -48,7 +51,8 @@ async def run(
     with _asked_to_stop() as asked:
         async with _up(fleet, folder, console) as (bus, children):
             async with shown(bus, console) as progress:
-                finished = await _until_end(fleet, bus, children, asked)
+                spare = _robots_on_their_way(fleet, progress, console)
+                finished = await _until_end(fleet, bus, children, asked, spare)
             if finished:
                 made = await _collected(bus, progress.elapsed_s)
             elif not fleet.batch:
@@ -56,7 +60,7 @@ async def run(
             if finished and keep:
                 await _leave(made, fleet, truth, folder, console)
                 console.print(f"the cluster stays up at {bus.endpoint}; Ctrl-C stops it", soft_wrap=True)
-                await _first(asked, children.watch())
+                await _first(asked, children.watch(spare))
         if not keep:
             await _leave(made, fleet, truth, folder, console)
     if finished and not fleet.robot.record:
@@ -79,7 +83,21 @@ async def _up(fleet: Fleet, folder: RunFolder, console: Console) -> AsyncIterato
                 folder.withdraw()
 
 
-async def _until_end(fleet: Fleet, bus: Bus, children: Children, asked: asyncio.Future[int]) -> bool:
+def _robots_on_their_way(fleet: Fleet, progress: Progress, console: Console) -> Spare:
+    """A robot that is killed after it was routed does not end the run: its map has what had come of it."""
+
+    def spare(name: str, how: str) -> bool:
+        tier, _, robot = name.partition("/")
+        if tier != "robot" or robot not in progress.routes:
+            return False
+        wait = f"after edge.lease_s = {fleet.edge.lease_s:g} s its map is final as it is"
+        console.print(f"{robot} {how}; {wait}", highlight=False, soft_wrap=True)
+        return True
+
+    return spare
+
+
+async def _until_end(fleet: Fleet, bus: Bus, children: Children, asked: asyncio.Future[int], spare: Spare) -> bool:
     """Start everything and wait; True when the final map has come."""
     folder = children.folder
 
@@ -92,12 +110,12 @@ async def _until_end(fleet: Fleet, bus: Bus, children: Children, asked: asyncio.
                     await children.start(program)
             await _final_map(bus, fleet)
 
-    return await _first(asked, _all_or_died(go(), children))
+    return await _first(asked, _all_or_died(go(), children, spare))
 
 
-async def _all_or_died(work: Coroutine[Any, Any, object], children: Children) -> None:
-    """`work` to its end, unless a child ends before."""
-    working, watching = asyncio.create_task(work), asyncio.create_task(children.watch())
+async def _all_or_died(work: Coroutine[Any, Any, object], children: Children, spare: Spare) -> None:
+    """`work` to its end, unless a child ends before that is not spared."""
+    working, watching = asyncio.create_task(work), asyncio.create_task(children.watch(spare))
     try:
         done, _ = await asyncio.wait({working, watching}, return_when=asyncio.FIRST_COMPLETED)
         for task in done:

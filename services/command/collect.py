@@ -28,11 +28,13 @@ from common.wire import (
     PairVerdict,
     Plan,
     RobotStatus,
+    Route,
     Routes,
     SchedulerStatus,
     Transforms,
     Verdicts,
 )
+from common.wire.edge import VANISHED
 
 M = TypeVar("M", bound=Message)
 
@@ -56,6 +58,10 @@ class Statuses:
     overlap: OverlapMatrix | None = None
     verdicts: tuple[PairVerdict, ...] = ()
     """of all pairs of robots, by their names"""
+
+    @property
+    def vanished(self) -> dict[str, int]:
+        return vanished(self.edges, self.routes.routes if self.routes is not None else {})
 
 
 @dataclass(frozen=True)
@@ -130,6 +136,16 @@ async def statuses(bus: Bus) -> Statuses:
         overlap=await one(bus, keys.SCHEDULER_OVERLAP, OverlapMatrix),
         verdicts=await _verdicts(bus),
     )
+
+
+def vanished(edges: Mapping[str, EdgeStatus], routes: Mapping[str, Route]) -> dict[str, int]:
+    """robot → last frame, of robots that are gone for good, as the edges that run them say."""
+    return {
+        each.robot: each.processed
+        for name, status in sorted(edges.items())
+        for each in status.instances
+        if each.state == VANISHED and each.robot in routes and routes[each.robot].slam_edge == name
+    }
 
 
 async def _verdicts(bus: Bus) -> tuple[PairVerdict, ...]:

@@ -14,7 +14,8 @@ from rich.table import Table
 
 from common.bus import Bus, keys
 from common.grid.versions import count_of
-from common.wire import GlobalMapNotice, RobotStatus
+from common.wire import EdgeStatus, GlobalMapNotice, RobotStatus, Route, Routes
+from services.command.collect import vanished
 
 REDRAW_S = 0.5
 LINE_S = 5.0
@@ -27,6 +28,8 @@ class Progress:
 
     started: float = field(default_factory=time.monotonic)
     robots: dict[str, RobotStatus] = field(default_factory=dict)
+    edges: dict[str, EdgeStatus] = field(default_factory=dict)
+    routes: dict[str, Route] = field(default_factory=dict)
     map: GlobalMapNotice | None = None
 
     @property
@@ -37,8 +40,9 @@ class Progress:
         sent = sum(status.sent for status in self.robots.values())
         processed = sum(status.processed + 1 for status in self.robots.values())
         ended = sum(status.ended for status in self.robots.values())
+        gone = "".join(f", {name} vanished" for name in vanished(self.edges, self.routes))
         return (
-            f"{self.elapsed_s:6.1f} s  {len(self.robots)} robots, {ended} at their end; "
+            f"{self.elapsed_s:6.1f} s  {len(self.robots)} robots, {ended} at their end{gone}; "
             f"{processed} of {sent} frames processed; {self._map()}"
         )
 
@@ -46,8 +50,9 @@ class Progress:
         table = Table("robot", "edge", "frames", "processed", "", title=f"{self.elapsed_s:.0f} s, {self._map()}")
         for column in table.columns[2:4]:
             column.justify = "right"
+        gone = vanished(self.edges, self.routes)
         for name, status in sorted(self.robots.items()):
-            state = "ended" if status.ended else "driving"
+            state = "vanished" if name in gone else "ended" if status.ended else "driving"
             table.add_row(name, status.edge or "-", str(status.sent), str(status.processed + 1), state)
         return table
 
@@ -65,6 +70,8 @@ async def shown(bus: Bus, console: Console) -> AsyncIterator[Progress]:
     progress = Progress()
     tasks = [
         asyncio.create_task(_follow_robots(bus, progress), name="follow robots"),
+        asyncio.create_task(_follow_edges(bus, progress), name="follow edges"),
+        asyncio.create_task(_follow_routes(bus, progress), name="follow routes"),
         asyncio.create_task(_follow_map(bus, progress), name="follow map"),
         asyncio.create_task((_redraw if console.is_terminal else _print)(progress, console), name="show"),
     ]
@@ -80,6 +87,18 @@ async def _follow_robots(bus: Bus, progress: Progress) -> None:
     async for received in bus.watch(keys.robot_status(keys.ANY)):
         if isinstance(received.message, RobotStatus):
             progress.robots[received.message.robot] = received.message
+
+
+async def _follow_edges(bus: Bus, progress: Progress) -> None:
+    async for received in bus.watch(keys.edge_status(keys.ANY)):
+        if isinstance(received.message, EdgeStatus):
+            progress.edges[received.message.edge] = received.message
+
+
+async def _follow_routes(bus: Bus, progress: Progress) -> None:
+    async for received in bus.watch(keys.SCHEDULER_ROUTES):
+        if isinstance(received.message, Routes):
+            progress.routes = dict(received.message.routes)
 
 
 async def _follow_map(bus: Bus, progress: Progress) -> None:

@@ -41,6 +41,7 @@ def report(
         "completion": _completion(result.notice.trace),
         "bytes": _bytes(statuses),
         "frames": {name: status.sent for name, status in statuses.robots.items()},
+        "vanished": statuses.vanished,
         "lost_frames": {name: status.dropped for name, status in statuses.robots.items() if status.dropped},
         "plan": statuses.plan.model_dump(mode="json") if statuses.plan is not None else None,
         "accuracy": accuracy.plain() if accuracy is not None else None,
@@ -60,6 +61,9 @@ def summary(data: Mapping[str, Any]) -> list[str]:
     lines = [f"map        {data['map']['known_m2']:.0f} m2 known, {_components(parts)}"]
     if data["unplaced"]:
         lines.append(f"unplaced   {', '.join(data['unplaced'])}")
+    if data["vanished"]:
+        last = ", ".join(f"{robot} at frame {frame}" for robot, frame in data["vanished"].items())
+        lines.append(f"vanished   {last}: the map has what had come of it by then")
     if data["accuracy"]:
         found = data["accuracy"]
         lines.append(

@@ -31,6 +31,7 @@ def as_data(statuses: Statuses, notice: GlobalMapNotice | None) -> dict[str, Any
         "plan": plain(statuses.plan) if statuses.plan else None,
         "overlap": {"robots": list(matrix.robots), "weights": matrix.weights.tolist()} if matrix else None,
         "map": plain(notice) if notice else None,
+        "vanished": statuses.vanished,
     }
 
 
@@ -51,9 +52,13 @@ def _robots(statuses: Statuses) -> Table:
             str(robot.processed + 1),
             str(robot.spooled),
             str(robot.dropped),
-            "ended" if robot.ended else "driving",
+            "vanished" if name in statuses.vanished else "ended" if robot.ended else "driving",
             robot.source,
         )
+    for name, frame in statuses.vanished.items():
+        if name not in statuses.robots:
+            route = routes[name]
+            table.add_row(name, route.slam_edge, route.fuse_edge, "-", str(frame + 1), "-", "-", "vanished", "-")
     return table
 
 

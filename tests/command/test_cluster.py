@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import signal
 import subprocess
@@ -177,6 +178,27 @@ def test_a_service_that_dies_ends_the_run_with_the_end_of_its_log(tmp_path: Path
     assert "edge/edge-" in done.stderr
     assert "crystal-ball" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_robot_that_is_killed_does_not_end_the_run_and_is_named_with_its_last_frame(tmp_path: Path) -> None:
+    with start("up", write_fleet(tmp_path, seconds=600), cwd=tmp_path, RECSLAM_EDGE__LEASE_S="2") as process:
+        read_until(process, " of 2 robots in ")
+        (robot,) = [pid for pid in family(process.pid) if program(pid)[2:5] == ["services.robot_agent", "--id", "r2"]]
+        os.kill(robot, signal.SIGKILL)
+        said = read_until(process, "files ")
+        assert process.wait(60) == 0
+    found = report(tmp_path / "runs" / "latest")
+    assert found["final"] is True
+    assert isinstance(found["vanished"], dict)
+    last = found["vanished"]["r2"]
+    assert "r2 was killed by SIGKILL; after edge.lease_s = 2 s its map is final as it is" in said
+    assert f"vanished   r2 at frame {last}: the map has what had come of it by then" in said
+    assert len(read_trajectory(tmp_path / "runs" / "latest" / "robots" / "r2.tum")) == last + 1 < 3300
+
+
+def program(pid: int) -> list[str]:
+    """The command line of a process."""
+    return Path(f"/proc/{pid}/cmdline").read_text().split("\0")
 
 
 def test_ctrl_c_ends_a_live_fleet_with_exit_code_0_and_leaves_its_map(tmp_path: Path) -> None:
