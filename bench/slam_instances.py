@@ -3,7 +3,7 @@
     RECSLAM_DATA=... python -m bench.slam_instances [--instances 4] [--kernel graph] [--log intel_dense] [--ready 5]
 
 Each run is a process of its own in which all robots drive the same log, `APART_S` after one another. Frames come when
-the log says, and each robot's map is asked for every `TICK_S`, as an edge does. The worker does one thing after the
+the log says, and maps and states are asked for as an edge does (`ASKED`). The worker does one thing after the
 other, so that a frame waits for all that came before it: that wait is reckoned on the log's clock from the CPU time
 that each call took, and what else the machine does counts for nothing. Between calls the worker does what can wait
 (`SlamHost.idle`), and a frame that comes meanwhile waits for the end of a round. Memory is the peak, with a snapshot
@@ -41,7 +41,8 @@ from services.robot_agent.packing import pack
 
 APART_S = 7.3
 """s between the starts of two robots, so that they are not all at the same place"""
-TICK_S = 0.5
+ASKED = {"news": 0.5, "snapshot": 60.0}
+"""s between two times that the host is asked for a robot's map, and for its state"""
 KERNELS = ("graph", "gmapping")
 SHARES = (0.5, 0.75, 1.0)
 """of all frames, after which memory is told"""
@@ -90,26 +91,26 @@ def measure(kernel: str, log: str, robots: int) -> dict[str, Any]:
     for number, name in enumerate(names):
         host.open(name, 1, kernel, {}, number)
     clock = waits = 0.0
-    poses, maps, sizes = [], [], []
+    poses, sizes, tasks = [], [], {"news": [], "snapshot": []}
     milestones = [round(share * robots * len(calls)) for share in SHARES]
-    for due, name, frame in schedule(stamps, names):
+    for due, name, what in schedule(stamps, names):
         more = True
         while more and clock + REST_S < due:
             begin = time.process_time()
             more = host.idle()
             clock += REST_S + time.process_time() - begin
-        if frame is None:
-            spent = timed(host.news, name)
-            maps.append(spent)
+        if isinstance(what, str):
+            spent = timed(getattr(host, what), name)
+            tasks[what].append(spent)
         else:
-            spent = timed(host.process, name, calls[frame])
+            spent = timed(host.process, name, calls[what])
         clock = max(clock, due) + spent
-        if frame is not None:
+        if isinstance(what, int):
             poses.append(clock - due)
             waits += spent
             if len(poses) in milestones:
                 sizes.append(process_stats().rss_mb - idle)
-    snapshots = [timed(instance.kernel.snapshot) for instance in host._instances.values()]
+    tasks["snapshot"] += [timed(host.snapshot, name) for name in names]
     return {
         "kernel": kernel,
         "log": log,
@@ -117,21 +118,22 @@ def measure(kernel: str, log: str, robots: int) -> dict[str, Any]:
         "frames": len(calls),
         "scans_per_s": len(poses) / waits,
         "latency_ms": quantiles(poses),
-        "map_ms": quantiles(maps),
-        "snapshot_ms": max(snapshots) * 1e3,
+        "map_ms": quantiles(tasks["news"]),
+        "snapshot_ms": max(tasks["snapshot"]) * 1e3,
         "mb": {"idle": idle, "more": peak.mb() - idle, "each": (peak.mb() - idle) / robots, "on_the_way": sizes},
     }
 
 
-def schedule(stamps: list[float], names: list[str]) -> Iterator[tuple[float, str, int | None]]:
-    """(due s, robot, number of the frame or None for its map), in the order of time."""
+def schedule(stamps: list[float], names: list[str]) -> Iterator[tuple[float, str, int | str]]:
+    """(due s, robot, number of the frame or what else the host is asked for), in the order of time."""
 
-    def of(name: str, start: float) -> Iterator[tuple[float, str, int | None]]:
-        tick = start
+    def of(name: str, start: float) -> Iterator[tuple[float, str, int | str]]:
+        ticks = {what: start + every_s for what, every_s in ASKED.items()}
         for number, stamp in enumerate(np.maximum.accumulate(np.array(stamps) - stamps[0]) + start):
-            while tick < stamp:
-                yield tick, name, None
-                tick += TICK_S
+            for what, every_s in ASKED.items():
+                while ticks[what] < stamp:
+                    yield ticks[what], name, what
+                    ticks[what] += every_s
             yield float(stamp), name, number
 
     return heapq.merge(*(of(name, number * APART_S) for number, name in enumerate(names)), key=lambda call: call[0])

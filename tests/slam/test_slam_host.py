@@ -71,3 +71,12 @@ def test_an_idle_worker_has_nothing_to_do_once_all_is_drawn(host: SlamHost) -> N
     while host.idle():
         pass
     assert not host.idle()
+
+
+def test_an_instance_that_goes_on_from_a_snapshot_shows_its_whole_map_at_once(host: SlamHost) -> None:
+    host.open("r2", 1, "graph", {}, 0, host.snapshot("r1"))
+    while host.news("r1")["seq"] < 151:
+        host.idle()
+    assert host.news("r2")["seq"] == 151
+    one, other = (host._instances[robot].shown.grid for robot in ("r1", "r2"))
+    assert one.digest() == other.digest()

@@ -86,13 +86,12 @@ class SlamHost:
         `life` tells its map from any other's. Raises SnapshotRefused.
         """
         made, seq, spent_s = create(kernel, settings, seed), -1, 0.0
+        resolution, version = made.map().resolution, first_version(life)
         if snapshot is not None:
             seq, spent_s, state = msgpack.unpackb(snapshot, max_bin_len=len(snapshot))
             made.restore(state)
-        resolution, version = made.map().resolution, first_version(life)
-        self._instances[robot] = Instance(
-            made, life, MarkedMap(resolution, version), Raster(resolution, version=version), seq, spent_s=spent_s
-        )
+        marked, sketch = MarkedMap(resolution, version), Raster(resolution, version=version)
+        self._instances[robot] = Instance(made, life, marked, sketch, seq, unprepared=True, spent_s=spent_s)
 
     def close(self, robot: str, life: int) -> None:
         """Forget this instance, not one that was opened after it."""
@@ -190,11 +189,12 @@ class SlamHost:
 
 
 def _may_show(instance: Instance) -> bool:
-    """Is the kernel's map ready, or has it been waited for in vain? A final map is not waited for."""
+    """Is the kernel's map ready, or has it been waited for in vain? The first and the final one are not waited for."""
     now = time.monotonic()
     if instance.behind is None:
         instance.behind = now
-    if instance.kernel.prepare(ASKED_S) or instance.final or now - instance.behind >= BEHIND_S:
+    at_once = instance.final or instance.covered < 0 or now - instance.behind >= BEHIND_S
+    if instance.kernel.prepare(ASKED_S) or at_once:
         instance.behind = None
         return True
     return False
