@@ -18,19 +18,100 @@ from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any
 
+from common.bus import Bus
+from common.bus.intake import Received
 from common.config import Fleet, load
 from common.errors import UsageError
+from common.heartbeat import beat
 from common.parent import watch_parent
 from common.telemetry import LogFormat, setup_logging
+from common.wire import Message
 
 ENDPOINT = "RECSLAM_ENDPOINT"
 """environment name of the router's endpoint; goes before the fleet file, after the command line"""
+STATUS_S = 1.0
+"""between two statuses of a service"""
 
 log = logging.getLogger(__name__)
 
 
-class Stopped(Exception):
-    """Raised inside a service's task group to end all of it: `except* Stopped` follows."""
+class Service:
+    """A service on the bus: it opens, works in tasks until `stop` is set, and closes, also when a task fails."""
+
+    def __init__(self, bus: Bus, stop: asyncio.Event) -> None:
+        self.bus, self._stop, self._tasks = bus, stop, asyncio.TaskGroup()
+
+    async def run(self) -> None:
+        """Return once `stop` is set. Raises what opening or a task raises, in an exception group."""
+        try:
+            async with self._tasks:
+                if not await until_stopped(self._open(), self._stop):
+                    log.info("ready")
+                    self._begin()
+                    await self._stop.wait()
+                raise _Stopped  # ends all tasks
+        except* _Stopped:
+            pass
+        finally:
+            await self._close()
+
+    async def _open(self) -> None:
+        """Start what takes time; broken off when the service is stopped meanwhile."""
+
+    def _begin(self) -> None:
+        """Start the tasks."""
+
+    async def _close(self) -> None:
+        """End what `_open` has started, or was about to."""
+
+    def _heard(self, received: Received) -> None:
+        """Take a message of a key that is heard."""
+
+    def _start(self, work: Coroutine[Any, Any, None], name: str) -> None:
+        """A task that ends with the service; when it fails, the service does."""
+        self._tasks.create_task(work, name=name)
+
+    def _follow(self, *key_exprs: str) -> None:
+        """Have `_heard` called with the latched values of these keys, and with each new one."""
+        for key_expr in key_exprs:
+            self._start(self._watch(key_expr), f"hear {key_expr}")
+
+    def _every(self, seconds: float, do: Callable[[], Awaitable[None] | None], name: str) -> None:
+        """Do it again and again, the first time after so many seconds."""
+        self._start(self._repeat(seconds, do), name)
+
+    def _tell_status(self, key: str, status: Callable[[], Message]) -> None:
+        """Show the status at once and then every second, and touch the heartbeat each time."""
+        self._start(tell_status(self.bus, key, status), "status")
+
+    async def _watch(self, key_expr: str) -> None:
+        async for received in self.bus.watch(key_expr):
+            self._heard(received)
+
+    async def _repeat(self, seconds: float, do: Callable[[], Awaitable[None] | None]) -> None:
+        while True:
+            await asyncio.sleep(seconds)
+            done = do()
+            if done is not None:
+                await done
+
+
+class _Stopped(Exception):
+    """Ends a service's task group."""
+
+
+async def tell_status(bus: Bus, key: str, status: Callable[[], Message]) -> None:
+    """Show a service's status at once and then every second, and touch the heartbeat each time."""
+    while True:
+        await bus.latch(key, status())
+        beat()
+        await asyncio.sleep(STATUS_S)
+
+
+async def open_bus(fleet: Fleet, name: str, role: str) -> Bus:
+    """A session with the fleet's router. Raises RouterUnreachable."""
+    config = fleet.bus
+    return await Bus.open(config.endpoint, name=name, role=role, root=config.root, timeout_s=config.timeout_s)
 
 
 def arguments(program: str, description: str) -> argparse.ArgumentParser:

@@ -6,9 +6,8 @@ import argparse
 import asyncio
 from collections.abc import Sequence
 
-from common.bus import Bus
 from common.fusion.check import check
-from common.service import arguments, load_fleet, run
+from common.service import arguments, load_fleet, open_bus, run
 from services.cloud_merger.service import CloudMerger
 
 
@@ -21,7 +20,5 @@ def main(argv: Sequence[str] | None = None) -> int:
 async def _cloud(args: argparse.Namespace, stop: asyncio.Event) -> None:
     fleet = load_fleet(args)
     check(fleet)
-    async with await Bus.open(
-        fleet.bus.endpoint, name="cloud", role="cloud", root=fleet.bus.root, timeout_s=fleet.bus.timeout_s
-    ) as bus:
+    async with await open_bus(fleet, "cloud", "cloud") as bus:
         await CloudMerger(fleet, bus, stop).run()

@@ -9,13 +9,13 @@ from collections.abc import Coroutine, Mapping
 from typing import Any
 
 from common.bus import Bus, keys
+from common.bus.intake import Received
 from common.bus.tiles import TILE_BYTES, fetch_tiles, tile_page
 from common.config import Fleet
 from common.errors import PeerError, QueryFailed, WorkerDied
 from common.grid.versions import count_of
-from common.heartbeat import beat
 from common.link import LinkMeter
-from common.service import Stopped, until_stopped
+from common.service import Service
 from common.telemetry import process_stats
 from common.wire import (
     CloudStatus,
@@ -39,16 +39,16 @@ from services.cloud_merger.state import CloudState
 from services.cloud_merger.trace import trace
 
 TARGET = "services.cloud_merger.merge_host:MergeHost"
-STATUS_S = 1.0
 
 log = logging.getLogger(__name__)
 
 
-class CloudMerger:
+class CloudMerger(Service):
     """The one cloud of a fleet; `run` returns when `stop` is set."""
 
     def __init__(self, fleet: Fleet, bus: Bus, stop: asyncio.Event) -> None:
-        self._fleet, self._bus, self._stop = fleet, bus, stop
+        super().__init__(bus, stop)
+        self._fleet = fleet
         self.state = CloudState(expected=fleet.expected_robots())
         self._worker: Worker | None = None
         self._statuses: dict[str, RobotStatus] = {}
@@ -59,61 +59,49 @@ class CloudMerger:
         self._whole = asyncio.Lock()
         """the merging process holds the map that is shown, not one that nobody was told of"""
         self._problems: deque[str] = deque(maxlen=16)
-        self._links, self._tasks = LinkMeter(), asyncio.TaskGroup()
-
-    async def run(self) -> None:
-        try:
-            if await until_stopped(self._open(), self._stop):
-                return
-            log.info("ready")
-            async with self._tasks as tasks:
-                for key in (
-                    keys.SCHEDULER_ROUTES,
-                    keys.edge_robot_map(keys.ANY, keys.ANY),
-                    keys.edge_map(keys.ANY),
-                    keys.edge_verdicts(keys.ANY),
-                    keys.robot_status(keys.ANY),
-                    keys.robot_profile(keys.ANY),
-                ):
-                    tasks.create_task(self._hear(key), name=f"hear {key}")
-                tasks.create_task(self._tick(), name="tick")
-                tasks.create_task(self._report(), name="status")
-                await self._stop.wait()
-                raise Stopped
-        except* Stopped:
-            pass
-        finally:
-            if self._worker is not None:
-                await self._worker.close()
+        self._links = LinkMeter()
 
     async def _open(self) -> None:
         await self._start_worker()
-        await self._bus.serve(keys.CLOUD_MAP, self._tiles)
-        await self._bus.declare_alive(keys.CLOUD_ALIVE)
+        await self.bus.serve(keys.CLOUD_MAP, self._tiles)
+        await self.bus.declare_alive(keys.CLOUD_ALIVE)
+
+    def _begin(self) -> None:
+        self._follow(
+            keys.SCHEDULER_ROUTES,
+            keys.edge_robot_map(keys.ANY, keys.ANY),
+            keys.edge_map(keys.ANY),
+            keys.edge_verdicts(keys.ANY),
+            keys.robot_status(keys.ANY),
+            keys.robot_profile(keys.ANY),
+        )
+        self._every(self._fleet.cloud.merge_every_s, self._tick, "tick")
+        self._tell_status(keys.CLOUD_STATUS, self.status)
+
+    async def _close(self) -> None:
+        if self._worker is not None:
+            await self._worker.close()
 
     # Events in
 
-    async def _hear(self, key_expr: str) -> None:
-        async for received in self._bus.watch(key_expr):
-            match received.message:
-                case Routes() as routes:
-                    self._feed(merging.Routed(routes))
-                case MapNotice() as notice:
-                    self._feed(merging.MapNoticed(notice))
-                case EdgeMapNotice() as notice:
-                    self._feed(merging.EdgeMapNoticed(notice))
-                case Verdicts() as verdicts:
-                    self._feed(merging.VerdictsCame(keys.edge_of(received.key) or "", verdicts))
-                case RobotStatus() as status:
-                    self._statuses[status.robot] = status
-                case RobotProfile() as profile if profile.start is not None:
-                    self._starts[profile.robot] = profile.start
+    def _heard(self, received: Received) -> None:
+        match received.message:
+            case Routes() as routes:
+                self._feed(merging.Routed(routes))
+            case MapNotice() as notice:
+                self._feed(merging.MapNoticed(notice))
+            case EdgeMapNotice() as notice:
+                self._feed(merging.EdgeMapNoticed(notice))
+            case Verdicts() as verdicts:
+                self._feed(merging.VerdictsCame(keys.edge_of(received.key) or "", verdicts))
+            case RobotStatus() as status:
+                self._statuses[status.robot] = status
+            case RobotProfile() as profile if profile.start is not None:
+                self._starts[profile.robot] = profile.start
 
     async def _tick(self) -> None:
-        while True:
-            await asyncio.sleep(self._fleet.cloud.merge_every_s)
-            await self._restart()
-            self._feed(merging.Tick())
+        await self._restart()
+        self._feed(merging.Tick())
 
     # Instructions out
 
@@ -121,18 +109,18 @@ class CloudMerger:
         for step in self.state.handle(event):
             match step:
                 case merging.FetchSketch():
-                    self._start(self._fetch_sketch(step), f"sketch of {step.notice.robot}")
+                    self._do(self._fetch_sketch(step), f"sketch of {step.notice.robot}")
                 case merging.FetchPart():
-                    self._start(self._fetch_part(step), f"map of {step.notice.edge}")
+                    self._do(self._fetch_part(step), f"map of {step.notice.edge}")
                 case merging.Forget(robot):
-                    self._start(self._call("forget", robot=robot), f"forget {robot}")
+                    self._do(self._call("forget", robot=robot), f"forget {robot}")
                 case merging.Solve():
-                    self._start(self._solve(step), "solve")
+                    self._do(self._solve(step), "solve")
                 case merging.Compose():
-                    self._start(self._compose(step), "compose")
+                    self._do(self._compose(step), "compose")
 
-    def _start(self, work: Coroutine[Any, Any, None], name: str) -> None:
-        self._tasks.create_task(self._guarded(work), name=name)
+    def _do(self, work: Coroutine[Any, Any, None], name: str) -> None:
+        self._start(self._guarded(work), name)
 
     async def _guarded(self, work: Coroutine[Any, Any, None]) -> None:
         try:
@@ -145,7 +133,7 @@ class CloudMerger:
         notice = step.notice
         key = keys.edge_robot_map(notice.edge, notice.robot)
         try:
-            delta = await fetch_tiles(self._bus, key, kind="occupancy")
+            delta = await fetch_tiles(self.bus, key, kind="occupancy")
             if notice.final and not delta.final:
                 raise QueryFailed("the map is not final any more; another notice will come", key)
             await self._call(
@@ -165,7 +153,7 @@ class CloudMerger:
     async def _fetch_part(self, step: merging.FetchPart) -> None:
         begin, edge = asyncio.get_running_loop().time(), step.notice.edge
         try:
-            delta = await fetch_tiles(self._bus, keys.edge_map(edge), step.since)
+            delta = await fetch_tiles(self.bus, keys.edge_map(edge), step.since)
             self._links.took(f"edge/{edge}", delta.size, asyncio.get_running_loop().time() - begin)
             tiles = [(tile.x, tile.y, tile.data) for tile in delta.tiles]
             part = {"resolution": delta.resolution, "version": delta.version, "whole": delta.whole}
@@ -194,15 +182,15 @@ class CloudMerger:
             self._feed(merging.Solved(None))
             return
         if step.final and self._fleet.cloud.joint and done["merged"]:
-            done = await corrected(done, self.state.slam_edges(), self._bus, self._call, self._problem)
+            done = await corrected(done, self.state.slam_edges(), self.bus, self._call, self._problem)
         self._stages["solve"] = done["seconds"]
         self.state.counters["full pair checks"] = done["checks"]
-        await self._bus.latch(keys.CLOUD_VERDICTS, decode(done["verdicts"]))
+        await self.bus.latch(keys.CLOUD_VERDICTS, decode(done["verdicts"]))
         transforms = decode(done["transforms"])
         assert isinstance(transforms, Transforms)
         if step.previous is None or transforms.world_epoch != step.previous.world_epoch:
             log.info("world", extra={"world_epoch": transforms.world_epoch, "reason": transforms.reason})
-            await self._bus.latch(keys.CLOUD_TRANSFORMS, transforms)
+            await self.bus.latch(keys.CLOUD_TRANSFORMS, transforms)
         self._feed(merging.Solved(transforms))
 
     async def _compose(self, step: merging.Compose) -> None:
@@ -245,7 +233,7 @@ class CloudMerger:
             ),
         )
         self._shown = notice
-        await self._bus.latch(keys.CLOUD_MAP, notice)
+        await self.bus.latch(keys.CLOUD_MAP, notice)
         contents = {"robots": len(notice.covers), "components": len(notice.components), "final": notice.final}
         log.info("global map", extra={"version": count_of(notice.version), **contents})
         for change in notice.changes:
@@ -260,26 +248,22 @@ class CloudMerger:
             page = await self._call("tiles", since=since, cursor=cursor, limit_bytes=TILE_BYTES)
         return tile_page("cloud", "counts", page, shown.covers, shown.final, shown.world_epoch)
 
-    async def _report(self) -> None:
-        while True:
-            used = process_stats([self._worker.process.pid] if self._worker is not None else [])
-            refused = self._bus.counters.refused.total()
-            status = CloudStatus(
-                version=self._shown.version if self._shown is not None else 0,
-                world_epoch=self.state.world.world_epoch if self.state.world is not None else 0,
-                robots=tuple(sorted(self.state.members)),
-                components=len(self.state.world.components) if self.state.world is not None else 0,
-                cpu_s=used.cpu_s,
-                rss_mb=used.rss_mb,
-                stages=dict(self._stages),
-                counters={**self.state.counters, "messages refused": refused, "dropped": self._bus.counters.dropped},
-                bytes_in=self._bus.counters.received_bytes,
-                links=self._links.statuses(),
-                problems=(*self._bus.problems, *self._problems)[-16:],
-            )
-            await self._bus.latch(keys.CLOUD_STATUS, status)
-            beat()
-            await asyncio.sleep(STATUS_S)
+    def status(self) -> CloudStatus:
+        used = process_stats([self._worker.process.pid] if self._worker is not None else [])
+        refused = self.bus.counters.refused.total()
+        return CloudStatus(
+            version=self._shown.version if self._shown is not None else 0,
+            world_epoch=self.state.world.world_epoch if self.state.world is not None else 0,
+            robots=tuple(sorted(self.state.members)),
+            components=len(self.state.world.components) if self.state.world is not None else 0,
+            cpu_s=used.cpu_s,
+            rss_mb=used.rss_mb,
+            stages=dict(self._stages),
+            counters={**self.state.counters, "messages refused": refused, "dropped": self.bus.counters.dropped},
+            bytes_in=self.bus.counters.received_bytes,
+            links=self._links.statuses(),
+            problems=(*self.bus.problems, *self._problems)[-16:],
+        )
 
     def _problem(self, text: str) -> None:
         log.warning("%s", text)

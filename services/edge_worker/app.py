@@ -7,9 +7,8 @@ import asyncio
 import os
 from collections.abc import Sequence
 
-from common.bus import Bus
 from common.fusion.check import check
-from common.service import arguments, load_fleet, run
+from common.service import arguments, load_fleet, open_bus, run
 from services.edge_worker.service import EdgeWorker
 from services.edge_worker.slam.kernel import create
 
@@ -27,7 +26,5 @@ async def _edge(args: argparse.Namespace, stop: asyncio.Event) -> None:
     check(fleet)
     create(fleet.slam.kernel, fleet.slam.settings, fleet.seed)  # refuses settings before anything is started
     workers = fleet.edge.workers or os.cpu_count() or 1
-    async with await Bus.open(
-        fleet.bus.endpoint, name=args.id, role="edge", root=fleet.bus.root, timeout_s=fleet.bus.timeout_s
-    ) as bus:
+    async with await open_bus(fleet, args.id, "edge") as bus:
         await EdgeWorker(fleet, args.id, bus, workers, stop).run()

@@ -1,14 +1,11 @@
-"""The edge's status: load, queues, stage times, drops and the last problems, every second."""
+"""The edge's status: load, queues, stage times, drops and the last problems."""
 
 from __future__ import annotations
 
-import asyncio
 import os
 from collections import deque
 from typing import TYPE_CHECKING
 
-from common.bus import keys
-from common.heartbeat import beat
 from common.telemetry import process_stats
 from common.wire import EdgeStatus, InstanceStatus
 from common.wire.edge import VANISHED
@@ -17,7 +14,6 @@ from services.edge_worker.instance import Phase
 if TYPE_CHECKING:
     from services.edge_worker.service import EdgeWorker
 
-STATUS_S = 1.0
 PROBLEMS = 16
 
 
@@ -29,15 +25,6 @@ class Report:
     def problem(self, text: str) -> None:
         """Keep a refusal to be shown, with its sender."""
         self._problems.append(text[:500])
-
-    async def run(self) -> None:
-        while True:
-            await self.tell()
-            beat()
-            await asyncio.sleep(STATUS_S)
-
-    async def tell(self) -> None:
-        await self._edge.bus.latch(keys.edge_status(self._edge.edge), self.status())
 
     def status(self) -> EdgeStatus:
         edge, state, bus = self._edge, self._edge.state, self._edge.bus

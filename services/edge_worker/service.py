@@ -19,7 +19,7 @@ from common.bus.intake import Received
 from common.config import Fleet
 from common.errors import BadMessage, PeerError, WorkerDied
 from common.link import LinkMeter
-from common.service import Stopped, until_stopped
+from common.service import Service
 from common.wire import (
     Ack,
     EndOfStream,
@@ -58,12 +58,12 @@ TICK_S = 0.5
 log = logging.getLogger(__name__)
 
 
-class EdgeWorker:
+class EdgeWorker(Service):
     """One edge; `run` returns when `stop` is set."""
 
     def __init__(self, fleet: Fleet, edge: str, bus: Bus, workers: int, stop: asyncio.Event) -> None:
-        self._fleet, self.edge, self._bus, self._stop = fleet, edge, bus, stop
-        config = fleet.edge
+        super().__init__(bus, stop)
+        self._fleet, self.edge, config = fleet, edge, fleet.edge
         self.state = EdgeState(
             edge,
             workers,
@@ -78,89 +78,67 @@ class EdgeWorker:
         self._fusion = Fusion(fleet, edge, bus, self.links)
         self.maps = RobotMaps(edge, self.state, self._pool, bus)
         self._frames: dict[str, Stream[Received]] = {}
-        self._tasks = asyncio.TaskGroup()
         self._report = Report(self)
         self._kernels = Kernels(fleet, self.state, self._pool, bus, self._report.problem)
-
-    async def run(self) -> None:
-        try:
-            if await until_stopped(self._open(), self._stop):
-                return
-            log.info("ready", extra={"edge": self.edge, "workers": self.state.workers})
-            async with self._tasks as tasks:
-                for key in (
-                    keys.SCHEDULER_ROUTES,
-                    keys.robot_profile(keys.ANY),
-                    keys.robot_end(keys.ANY),
-                    keys.CLOUD_TRANSFORMS,
-                    keys.edge_robot_map(keys.ANY, keys.ANY),
-                ):
-                    tasks.create_task(self._hear(key), name=f"hear {key}")
-                tasks.create_task(self._hear_robots(), name="robots")
-                tasks.create_task(self._hear_link(), name="link")
-                tasks.create_task(self._tick(), name="tick")
-                tasks.create_task(self._publish_maps(), name="maps")
-                tasks.create_task(self._fusion.run(), name="fusion")
-                tasks.create_task(self._report.run(), name="status")
-                if every_s := self._fleet.edge.probe_every_s:
-                    probes = Probes(self.edge, self._bus, self.state, self.links, every_s)
-                    tasks.create_task(probes.run(), name="probes")
-                await self._stop.wait()
-                raise Stopped
-        except* Stopped:
-            pass
-        finally:
-            await self._pool.close()
-            await self._fusion.close()
 
     async def _open(self) -> None:
         await self._pool.open()
         await self._fusion.open()
         await self.maps.open()
-        await self._bus.declare_alive(keys.edge_alive(self.edge))
+        await self.bus.declare_alive(keys.edge_alive(self.edge))
+
+    def _begin(self) -> None:
+        self._follow(
+            keys.SCHEDULER_ROUTES,
+            keys.robot_profile(keys.ANY),
+            keys.robot_end(keys.ANY),
+            keys.CLOUD_TRANSFORMS,
+            keys.edge_robot_map(keys.ANY, keys.ANY),
+        )
+        self._start(self._follow_robots(), "robots")
+        self._start(self._follow_link(), "link")
+        self._every(TICK_S, lambda: self._feed(slam.Tick(time.monotonic())), "tick")
+        self._every(self._fleet.edge.map_every_s, self.maps.tell_all, "maps")
+        self._start(self._fusion.run(), "fusion")
+        self._tell_status(keys.edge_status(self.edge), self._report.status)
+        if every_s := self._fleet.edge.probe_every_s:
+            self._start(Probes(self.edge, self.bus, self.state, self.links, every_s).run(), "probes")
+
+    async def _close(self) -> None:
+        await self._pool.close()
+        await self._fusion.close()
 
     # Events in
 
-    async def _hear(self, key_expr: str) -> None:
-        async for received in self._bus.watch(key_expr):
-            match received.message:
-                case Routes() as routes:
-                    self._feed(slam.Routed(routes))
-                    self._fusion.routed(routes)
-                case RobotProfile() as profile:
-                    self._feed(slam.Profiled(profile))
-                case EndOfStream() as end:
-                    self._feed(slam.Ended(end))
-                case MapNotice() as notice:
-                    self._fusion.noticed(notice)
-                case Transforms() as transforms:
-                    self._fusion.world_seen(transforms)
+    def _heard(self, received: Received) -> None:
+        match received.message:
+            case Routes() as routes:
+                self._feed(slam.Routed(routes))
+                self._fusion.routed(routes)
+            case RobotProfile() as profile:
+                self._feed(slam.Profiled(profile))
+            case EndOfStream() as end:
+                self._feed(slam.Ended(end))
+            case MapNotice() as notice:
+                self._fusion.noticed(notice)
+            case Transforms() as transforms:
+                self._fusion.world_seen(transforms)
 
-    async def _hear_frames(self, robot: str, stream: Stream[Received]) -> None:
+    async def _follow_frames(self, robot: str, stream: Stream[Received]) -> None:
         async for received in stream:
             if isinstance(received.message, Frame):
                 if received.sent_s:
                     self.maps.delayed(robot, time.time() - received.sent_s)
                 self._feed(slam.FrameCame(received.message))
 
-    async def _hear_robots(self) -> None:
-        async for token in self._bus.watch_alive(keys.robot_alive(keys.ANY)):
+    async def _follow_robots(self) -> None:
+        async for token in self.bus.watch_alive(keys.robot_alive(keys.ANY)):
             _, robot = keys.owner(token.key)
             self._feed(slam.RobotSeen(robot, token.alive, time.monotonic()))
 
-    async def _hear_link(self) -> None:
-        async for link in self._bus.watch_link():
+    async def _follow_link(self) -> None:
+        async for link in self.bus.watch_link():
             self._feed(slam.Linked(link.up, time.monotonic()))
-
-    async def _tick(self) -> None:
-        while True:
-            await asyncio.sleep(TICK_S)
-            self._feed(slam.Tick(time.monotonic()))
-
-    async def _publish_maps(self) -> None:
-        while True:
-            await asyncio.sleep(self._fleet.edge.map_every_s)
-            await self.maps.tell_all()
 
     # Instructions out
 
@@ -172,8 +150,8 @@ class EdgeWorker:
         match step:
             case Listen(robot):
                 if robot not in self._frames:
-                    stream = self._frames[robot] = self._bus.subscribe(keys.robot_frames(robot), depth=1024)
-                    self._start(self._hear_frames(robot, stream), f"frames of {robot}")
+                    stream = self._frames[robot] = self.bus.subscribe(keys.robot_frames(robot), depth=1024)
+                    self._start(self._follow_frames(robot, stream), f"frames of {robot}")
             case Open():
                 self._start(self._answered(self._kernels.open(step)), f"open {step.robot}")
             case Feed():
@@ -191,14 +169,11 @@ class EdgeWorker:
                 log.warning("robot given up", extra={"robot": robot, "frame": seq})
                 self._report.problem(f"robot/{robot}: {last}; its map is final as it is, until it comes back")
             case Claim():
-                self._start(self._bus.latch(keys.edge_claims(self.edge), self.state.claims()), "claims")
+                self._start(self.bus.latch(keys.edge_claims(self.edge), self.state.claims()), "claims")
             case Release(robot):
                 self._frames.pop(robot).close()
                 self.maps.forget(robot)
-                self._start(self._close(step), f"close {robot}")
-
-    def _start(self, work: Coroutine[Any, Any, None], name: str) -> None:
-        self._tasks.create_task(work, name=name)
+                self._start(self._release(step), f"close {robot}")
 
     async def _answered(self, work: Coroutine[Any, Any, slam.Event | None]) -> None:
         event = await work
@@ -215,7 +190,7 @@ class EdgeWorker:
             params["stream"] = step.stream
         begin = time.monotonic()
         try:
-            answers = await self._bus.get(keys.robot_backfill(step.robot), params)
+            answers = await self.bus.get(keys.robot_backfill(step.robot), params)
         except PeerError as error:
             log.debug("backfill failed", extra={"robot": step.robot, "reason": error})
             answers = []
@@ -240,16 +215,17 @@ class EdgeWorker:
 
     async def _finish(self, step: Finish) -> None:
         await self._answered(self._kernels.finish(step))
-        await self._report.tell()  # first: who has the final map must not find a state from before it
+        # first its state: who has seen the final map must not find one from before it
+        await self.bus.latch(keys.edge_status(self.edge), self._report.status())
         await self.maps.tell(step.robot)
 
-    async def _close(self, step: Release) -> None:
+    async def _release(self, step: Release) -> None:
         robot = step.robot
         with contextlib.suppress(WorkerDied):
             await self._kernels.close(step)
         for key in (keys.edge_ack(self.edge, robot), keys.edge_robot_map(self.edge, robot)):
             if robot not in self.state.instances:  # it may have come back
-                await self._bus.unlatch(key)
+                await self.bus.unlatch(key)
         log.info("SLAM instance released", extra={"robot": robot})
 
     async def _acknowledge(self, robot: str) -> None:
@@ -264,7 +240,7 @@ class EdgeWorker:
                 durable=instance.keeping.durable,
                 window=self._fleet.edge.window,
             )
-            await self._bus.latch(keys.edge_ack(self.edge, robot), ack)
+            await self.bus.latch(keys.edge_ack(self.edge, robot), ack)
 
     def worker_pids(self) -> list[int]:
         return [*self._pool.pids(), *self._fusion.pids()]
@@ -272,10 +248,6 @@ class EdgeWorker:
     @property
     def fusion(self) -> Fusion:
         return self._fusion
-
-    @property
-    def bus(self) -> Bus:
-        return self._bus
 
     def dropped(self) -> int:
         return sum(stream.dropped for stream in self._frames.values())

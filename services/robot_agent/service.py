@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Mapping
 from common.bus import Bus, keys
 from common.config import Fleet, RobotEntry
 from common.errors import PeerError, RouterUnreachable, SpoolFull, UsageError
-from common.heartbeat import beat
+from common.service import open_bus, tell_status
 from common.telemetry import process_stats
 from common.wire import Ack, EndOfStream, FramePage, Message, RobotProfile, RobotStatus, Routes
 from common.wire.limits import MAX_PAGE_BYTES
@@ -34,7 +34,6 @@ from services.robot_agent.state import (
     Trim,
 )
 
-STATUS_S = 1.0
 PAGE_BYTES = MAX_PAGE_BYTES - 4096
 """frames in one backfill page, so that the page with its other fields stays below the limit"""
 
@@ -153,19 +152,16 @@ class RobotAgent:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._hear_acks(bus), name="acks")
                 tasks.create_task(self._hear_routes(bus), name="routes")
-                tasks.create_task(self._report(bus), name="status")
+                tasks.create_task(tell_status(bus, keys.robot_status(self._entry.id), self.status), name="status")
         finally:
             self._bus = None
             await bus.close()
 
     async def _connect(self) -> Bus:
-        config, robot = self._fleet.bus, self._entry.id
         said = False
         while True:
             try:
-                return await Bus.open(
-                    config.endpoint, name=robot, role="robot", root=config.root, timeout_s=config.timeout_s
-                )
+                return await open_bus(self._fleet, self._entry.id, "robot")
             except RouterUnreachable as error:
                 if not said:
                     log.warning("no router yet: spooling", extra={"reason": error})
@@ -224,12 +220,6 @@ class RobotAgent:
             route = message.routes.get(self._entry.id) if isinstance(message, Routes) else None
             if route is not None:
                 self._feed(RouteChanged(route.slam_edge, route.epoch))
-
-    async def _report(self, bus: Bus) -> None:
-        while True:
-            await bus.latch(keys.robot_status(self._entry.id), self.status())
-            beat()
-            await asyncio.sleep(STATUS_S)
 
     async def _backfill(self, key: str, params: Mapping[str, str]) -> Message:
         """Frames `from` .. `to` of `stream`, a page at a time; a page's `next` is where the page after it begins.

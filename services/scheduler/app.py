@@ -6,9 +6,8 @@ import argparse
 import asyncio
 from collections.abc import Sequence
 
-from common.bus import Bus
 from common.errors import ConfigError
-from common.service import arguments, load_fleet, run
+from common.service import arguments, load_fleet, open_bus, run
 from services.scheduler.policies import POLICIES
 from services.scheduler.service import Scheduler
 
@@ -24,7 +23,5 @@ async def _scheduler(args: argparse.Namespace, stop: asyncio.Event) -> None:
     if fleet.scheduler.policy not in POLICIES:
         known = ", ".join(POLICIES)
         raise ConfigError(f"scheduler.policy: {fleet.scheduler.policy!r} is unknown; choose one of {known}")
-    async with await Bus.open(
-        fleet.bus.endpoint, name="scheduler", role="scheduler", root=fleet.bus.root, timeout_s=fleet.bus.timeout_s
-    ) as bus:
+    async with await open_bus(fleet, "scheduler", "scheduler") as bus:
         await Scheduler(fleet, bus, stop).run()

@@ -5,15 +5,15 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Coroutine, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from common.bus import Bus, keys
+from common.bus.intake import Received
 from common.bus.tiles import fetch_tiles
 from common.config import Fleet
 from common.errors import PeerError, UsageError, WorkerDied
-from common.heartbeat import beat
-from common.service import Stopped, until_stopped
+from common.service import Service
 from common.wire import (
     Claims,
     EdgeStatus,
@@ -37,7 +37,6 @@ from services.scheduler.what_if import WhatIf
 
 TARGET = "services.scheduler.plan_host:PlanHost"
 TICK_S = 0.2
-STATUS_S = 1.0
 AT_ONCE = 50
 """robots whose measurements are gathered for a plan before others have their turn"""
 AS_IT_IS = WhatIf()
@@ -45,11 +44,12 @@ AS_IT_IS = WhatIf()
 log = logging.getLogger(__name__)
 
 
-class Scheduler:
+class Scheduler(Service):
     """The one scheduler of a fleet; `run` returns when `stop` is set."""
 
     def __init__(self, fleet: Fleet, bus: Bus, stop: asyncio.Event) -> None:
-        self._fleet, self._bus, self._stop = fleet, bus, stop
+        super().__init__(bus, stop)
+        self._fleet = fleet
         self._clock = asyncio.get_running_loop().time
         self.state = SchedulerState(Topology(fleet.topology), fleet.edge_ids(), fleet.bus.grace_s)
         self._worker: Worker | None = None
@@ -59,50 +59,42 @@ class Scheduler:
         self._stages: dict[str, float] = {}
         self._plans = 0
         self._problems: deque[str] = deque(maxlen=16)
-        self._tasks = asyncio.TaskGroup()
-
-    async def run(self) -> None:
-        try:
-            if await until_stopped(self._open(), self._stop):
-                return
-            async with self._tasks as tasks:
-                self._feed(scheduling.Claimed(await self._claims(), self._clock()))
-                await self._bus.serve(keys.SCHEDULER_PLAN, self._asked)
-                await self._bus.declare_alive(keys.SCHEDULER_ALIVE)
-                log.info("ready")
-                for key in (
-                    keys.robot_profile(keys.ANY),
-                    keys.robot_status(keys.ANY),
-                    keys.edge_status(keys.ANY),
-                    keys.edge_claims(keys.ANY),
-                    keys.edge_robot_map(keys.ANY, keys.ANY),
-                    keys.edge_map(keys.ANY),
-                    keys.CLOUD_TRANSFORMS,
-                    keys.CLOUD_STATUS,
-                ):
-                    tasks.create_task(self._hear(key), name=f"hear {key}")
-                tasks.create_task(self._hear_link(), name="link")
-                tasks.create_task(self._hear_alive(keys.robot_alive(keys.ANY)), name="robots")
-                tasks.create_task(self._hear_alive(keys.edge_alive(keys.ANY)), name="edges")
-                tasks.create_task(self._tick(), name="tick")
-                tasks.create_task(self._interval(), name="interval")
-                tasks.create_task(self._report(), name="status")
-                await self._stop.wait()
-                raise Stopped
-        except* Stopped:
-            pass
-        finally:
-            if self._worker is not None:
-                await self._worker.close()
 
     async def _open(self) -> None:
         self._worker = await Worker.start(TARGET)
         await self._worker.ready()
+        self._feed(scheduling.Claimed(await self._claims(), self._clock()))
+        await self.bus.serve(keys.SCHEDULER_PLAN, self._asked)
+        await self.bus.declare_alive(keys.SCHEDULER_ALIVE)
+
+    def _begin(self) -> None:
+        self._follow(
+            keys.robot_profile(keys.ANY),
+            keys.robot_status(keys.ANY),
+            keys.edge_status(keys.ANY),
+            keys.edge_claims(keys.ANY),
+            keys.edge_robot_map(keys.ANY, keys.ANY),
+            keys.edge_map(keys.ANY),
+            keys.CLOUD_TRANSFORMS,
+            keys.CLOUD_STATUS,
+        )
+        self._start(self._follow_link(), "link")
+        self._start(self._follow_alive(keys.robot_alive(keys.ANY)), "robots")
+        self._start(self._follow_alive(keys.edge_alive(keys.ANY)), "edges")
+        self._every(TICK_S, lambda: self._feed(scheduling.Tick(self._clock())), "tick")
+        self._every(
+            self._fleet.scheduler.interval_s, lambda: self._feed(scheduling.Interval(self._clock())), "interval"
+        )
+        self._tell_status(keys.SCHEDULER_STATUS, self.status)
+
+    async def _close(self) -> None:
+        if self._worker is not None:
+            await self._worker.close()
 
     async def _claims(self) -> tuple[Claims, ...]:
         """Robots that edges run already keep their places; who does not answer now is heard later."""
         try:
-            answers = await self._bus.get(keys.edge_claims(keys.ANY), everyone=True)
+            answers = await self.bus.get(keys.edge_claims(keys.ANY), everyone=True)
         except PeerError as error:
             self._problem(f"claims: {error}")
             return ()
@@ -110,16 +102,15 @@ class Scheduler:
 
     # Events in
 
-    async def _hear(self, key_expr: str) -> None:
-        async for received in self._bus.watch(key_expr):
-            self._inputs.hear(received.message, self._clock())
-            match received.message:
-                case RobotProfile() as profile:
-                    self._feed(scheduling.Profiled(profile, self._clock()))
-                case Claims() as claims:
-                    self._feed(scheduling.Claimed((claims,), self._clock()))
-                case EdgeStatus() as status:
-                    self._relieve(status)
+    def _heard(self, received: Received) -> None:
+        self._inputs.hear(received.message, self._clock())
+        match received.message:
+            case RobotProfile() as profile:
+                self._feed(scheduling.Profiled(profile, self._clock()))
+            case Claims() as claims:
+                self._feed(scheduling.Claimed((claims,), self._clock()))
+            case EdgeStatus() as status:
+                self._relieve(status)
 
     def _relieve(self, status: EdgeStatus) -> None:
         """Take robots off an edge that cannot keep up; `static` leaves all where they are."""
@@ -135,27 +126,17 @@ class Scheduler:
             self._problem(relief.reason)
         self._feed(scheduling.Relieved(status.edge, relief.moves, relief.reason, self._clock()))
 
-    async def _hear_link(self) -> None:
-        async for link in self._bus.watch_link():
+    async def _follow_link(self) -> None:
+        async for link in self.bus.watch_link():
             self._feed(scheduling.Linked(link.up, self._clock()))
 
-    async def _hear_alive(self, key_expr: str) -> None:
-        async for token in self._bus.watch_alive(key_expr):
+    async def _follow_alive(self, key_expr: str) -> None:
+        async for token in self.bus.watch_alive(key_expr):
             tier, name = keys.owner(token.key)
             if tier == "robot":
                 self._feed(scheduling.RobotSeen(name, token.alive, self._clock()))
             else:
                 self._feed(scheduling.EdgeSeen(name, token.alive, self._clock()))
-
-    async def _tick(self) -> None:
-        while True:
-            await asyncio.sleep(TICK_S)
-            self._feed(scheduling.Tick(self._clock()))
-
-    async def _interval(self) -> None:
-        while True:
-            await asyncio.sleep(self._fleet.scheduler.interval_s)
-            self._feed(scheduling.Interval(self._clock()))
 
     # Instructions out
 
@@ -167,12 +148,9 @@ class Scheduler:
                 case MakePlan():
                     self._start(self._plan(step), "plan")
 
-    def _start(self, work: Coroutine[Any, Any, None], name: str) -> None:
-        self._tasks.create_task(work, name=name)
-
     async def _publish(self, step: Publish) -> None:
         log.info("routes", extra={"epoch": step.routes.epoch, "reason": step.reason})
-        await self._bus.latch(keys.SCHEDULER_ROUTES, step.routes)
+        await self.bus.latch(keys.SCHEDULER_ROUTES, step.routes)
 
     async def _plan(self, step: MakePlan) -> None:
         try:
@@ -187,9 +165,9 @@ class Scheduler:
         self._stages["plan"] = made["seconds"]
         overlap = decode(made["overlap"]) if made["overlap"] is not None else None
         if isinstance(overlap, OverlapMatrix):
-            await self._bus.latch(keys.SCHEDULER_OVERLAP, overlap)
+            await self.bus.latch(keys.SCHEDULER_OVERLAP, overlap)
         self._feed(scheduling.Planned(step.epoch, made["slam"], made["fuse"], self._clock()))
-        await self._bus.latch(keys.SCHEDULER_PLAN, self._message(made))
+        await self.bus.latch(keys.SCHEDULER_PLAN, self._message(made))
 
     async def _asked(self, key: str, params: Mapping[str, str]) -> Plan | None:
         """What would be planned if edges were down, slower or faster; nothing is changed by the question."""
@@ -218,7 +196,7 @@ class Scheduler:
             if notice is None or notice == self._sketched.get(robot):
                 continue
             try:
-                delta = await fetch_tiles(self._bus, keys.edge_robot_map(notice.edge, robot), kind="occupancy")
+                delta = await fetch_tiles(self.bus, keys.edge_robot_map(notice.edge, robot), kind="occupancy")
             except PeerError as error:
                 log.debug("sketch not fetched", extra={"robot": robot, "reason": error})
                 continue
@@ -250,12 +228,6 @@ class Scheduler:
         )
         return made
 
-    async def _report(self) -> None:
-        while True:
-            await self._bus.latch(keys.SCHEDULER_STATUS, self.status())
-            beat()
-            await asyncio.sleep(STATUS_S)
-
     def status(self) -> SchedulerStatus:
         def word(alive: bool) -> str:
             return "alive" if alive else "gone"
@@ -270,12 +242,12 @@ class Scheduler:
             plans=self._plans,
             moved=state.moved,
             stages=dict(self._stages),
-            counters={**state.counters, "messages refused": self._bus.counters.refused.total()},
+            counters={**state.counters, "messages refused": self.bus.counters.refused.total()},
             measured={
                 **self._inputs.figures(edges),
                 **{f"late {edge} s": self._overloads.late_s(edge) for edge in edges},
             },
-            problems=(*self._bus.problems, *self._problems, *stranded)[-16:],
+            problems=(*self.bus.problems, *self._problems, *stranded)[-16:],
         )
 
     def _problem(self, text: str) -> None:
