@@ -178,3 +178,30 @@ class Cluster:
             self.give(Tick())
             while self.pending:
                 self.carry_out()
+
+
+def only(kind: type, steps: list[Instruction]) -> Instruction:
+    (step,) = [step for step in steps if isinstance(step, kind)]
+    return step
+
+
+def sketched(state: CloudState, robot: str, edge: str, version: int, final: bool = False) -> list[Instruction]:
+    steps = state.handle(MapNoticed(map_notice(robot, edge, version, final)))
+    step = only(FetchSketch, steps if final else state.handle(Tick()))
+    return state.handle(SketchFetched(step))
+
+
+def settled(expected: tuple[str, ...] = ("r1", "r2")) -> tuple[CloudState, Solve]:
+    """r1 and r2 run and fused at e1 and e2, all final; and the final solve."""
+    state = CloudState(expected=expected)
+    state.handle(Routed(routes(1, {"r1": "e1", "r2": "e2"})))
+    sketched(state, "r1", "e1", 1, final=True)
+    return state, only(Solve, sketched(state, "r2", "e2", 1, final=True))
+
+
+def part(state: CloudState, edge: str, robot: str, version: int, final: bool = True) -> list[Instruction]:
+    assert state.world is not None
+    covers = {robot: cover(1)}
+    notice = edge_notice(edge, version, state.world.world_epoch, covers, final)
+    step = only(FetchPart, [*state.handle(EdgeMapNoticed(notice)), *state.handle(Tick())])
+    return state.handle(PartFetched(step, version, notice.world_epoch, covers, final))

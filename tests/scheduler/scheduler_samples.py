@@ -3,18 +3,8 @@
 from __future__ import annotations
 
 from common.wire import RobotProfile, Routes
-from services.scheduler.events import (
-    EdgeSeen,
-    Event,
-    Instruction,
-    Profiled,
-    Publish,
-    RobotSeen,
-    Tick,
-)
-from services.scheduler.state import (
-    SchedulerState,
-)
+from services.scheduler.events import EdgeSeen, Event, Instruction, Profiled, Publish, RobotSeen, Tick
+from services.scheduler.state import SchedulerState
 from services.scheduler.topology import Topology
 
 GRACE = 3.0

@@ -21,9 +21,7 @@ from services.scheduler.events import (
     RobotSeen,
     Tick,
 )
-from services.scheduler.state import (
-    SchedulerState,
-)
+from services.scheduler.state import SchedulerState
 from services.scheduler.topology import Topology
 
 
