@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 
 import msgpack
 
-from common.errors import BadFile
+from common.errors import BadFile, ConfigError
 from services.edge_worker.checkpoint import Checkpoint
 
 FORMAT = 1
@@ -62,12 +62,19 @@ class InMemory:
 
 
 class OnDisk:
-    """`<folder>/<robot>/<stream>-<seq>.checkpoint`; what is there outlives everything but the disk."""
+    """`<folder>/<robot>/<stream>-<seq>.checkpoint`; what is there outlives everything but the disk.
+
+    Raises ConfigError when the folder cannot be made.
+    """
 
     durable = True
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(f"edge.checkpoints: {error}; name a folder that can be written") from error
 
     async def keep(self, robot: str, kept: Kept) -> None:
         await asyncio.to_thread(self._write, robot, kept)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from edge_samples import OTHER, STREAM
 
+from common.errors import ConfigError
 from services.edge_worker.checkpoint import Checkpoint
 from services.edge_worker.checkpoints import Checkpoints, InMemory, Kept, OnDisk
 
@@ -73,3 +74,9 @@ async def test_a_disk_that_takes_nothing_is_an_error_and_leaves_what_was_there(t
     with pytest.raises(OSError, match="r1"):
         await OnDisk(tmp_path).keep("r1", kept(1))
     assert await OnDisk(tmp_path).newest("r1", STREAM) == ([], [])
+
+
+def test_a_folder_that_cannot_be_made_is_refused_by_the_name_of_its_field(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigError, match=r"edge\.checkpoints: .*file"):
+        OnDisk(tmp_path / "file" / "checkpoints")
