@@ -95,14 +95,19 @@ async def test_robots_with_an_edge_each_and_no_preparative_fusion_give_the_same_
         await finish(made, undisturbed)
 
 
+@pytest.mark.parametrize("how", ["killed", "frozen"])
 async def test_a_robot_that_is_gone_for_good_is_not_waited_for_and_one_that_comes_back_is_in_the_map_wholly(
-    tmp_path: Path, undisturbed: GlobalMapNotice
+    how: str, tmp_path: Path, undisturbed: GlobalMapNotice
 ) -> None:
     edge = {"workers": 1, "map_every_s": 0.5, "lease_s": 3.0, "window": 8}
     async with cluster(fleet(edge=edge), tmp_path) as made:
         await made.start_all()
         home = await made.processed("r2", SOME)
-        await made.kill("r2")
+        robot = made.processes["r2"]
+        if how == "killed":
+            await made.kill("r2")
+        else:
+            robot.send_signal(signal.SIGSTOP)
         final = await made.final()
         last, whole = final.covers["r2"].seq, undisturbed.covers["r2"].seq
         assert SOME <= last < whole
@@ -113,7 +118,10 @@ async def test_a_robot_that_is_gone_for_good_is_not_waited_for_and_one_that_come
 
         status = await made.edge_status(home, vanished)
         assert any(f"robot/r2: vanished at frame {last}" in problem for problem in status.problems)
-        await made.start("r2")
+        if how == "killed":
+            await made.start("r2")
+        else:
+            robot.send_signal(signal.SIGCONT)
         back = await made.hear(keys.CLOUD_MAP, GlobalMapNotice, lambda n: n.final and n.covers["r2"].seq == whole)
         assert back.world_epoch > final.world_epoch
         assert back.digest == undisturbed.digest
