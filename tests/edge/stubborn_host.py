@@ -1,5 +1,6 @@
 """A SLAM host whose scans may never end."""
 
+import threading
 import time
 
 
@@ -18,3 +19,8 @@ class StubbornHost:
         begin = time.process_time()
         while time.process_time() - begin < 0.6:
             pass
+
+
+class ThreadedHost(StubbornHost):
+    def warm(self, kernel: str) -> None:
+        threading.Thread(target=time.sleep, args=(3600,), daemon=True).start()
