@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.evaluation.maps import wall_thickness
-from common.evaluation.relations import EXACT_S, read_odometry, read_relations, score_relations
+from common.evaluation.relations import read_odometry, read_relations, score_relations
 from common.evaluation.trajectory import absolute_error
 from common.formats.carmen import CarmenLog
 from common.formats.picture import write_png
@@ -52,8 +52,6 @@ SCENES = (
 RELATIONS = "relations/intel.relations.gz"
 STRICT_S = 1e-4
 """s; relations whose both ends are frames of ours by their stamps, digit for digit"""
-ONE_PLACE_M = 0.05
-"""m of odometry within `EXACT_S` of a stamp; over 4 m/s, the logger had stalled, and the stamp tells no place"""
 MAP_EVERY = 20
 SCENE_S = 180.0
 OUT = Path("results")
@@ -158,22 +156,12 @@ def accuracy(trajectory: NDArray[np.float64], log: str) -> dict[str, float]:
         relations, odometry = read_relations(data() / RELATIONS), read_odometry(data() / LOGS[log][0])
         score = score_relations(relations, odometry, [trajectory])
         strict = score_relations(relations, odometry, [trajectory], exact_s=STRICT_S).stats(exact=True)
-        placed = score_relations(relations[in_one_place(relations, odometry)], odometry, [trajectory]).stats()
         every, exact = score.stats(), score.stats(exact=True)
         out |= {"all": every.translation, "all_sd": every.translation_sd, "all_n": every.n}
         out |= {"exact": exact.translation, "exact_sd": exact.translation_sd, "exact_n": exact.n}
         out |= {"strict": strict.translation, "strict_sd": strict.translation_sd, "strict_n": strict.n}
-        out |= {"one_place": placed.translation, "one_place_sd": placed.translation_sd, "one_place_n": placed.n}
         out["unscored"] = score.unscored
     return out
-
-
-def in_one_place(relations: NDArray[np.float64], odometry: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Relations (m,) at both of whose stamps the log's own odometry has the robot in one place."""
-    around = [np.searchsorted(odometry[:, 0], relations[:, :2] + side) for side in (-EXACT_S, EXACT_S)]
-    moved = [[float(np.ptp(odometry[a:b, 1:3], axis=0).max()) if b > a else 0.0 for a, b in zip(*ends, strict=True)]
-             for ends in zip(*around, strict=True)]  # fmt: skip
-    return np.asarray((np.array(moved) <= ONE_PLACE_M).all(axis=1))
 
 
 def keep(kernel: Kernel, name: str) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Graph SLAM in big buildings that look alike, with bad wheels: every accepted loop is held against the truth.
 
-    python -m bench.slam_closures [--seeds 10] [--lidar rplidar_a1|sick] [--noise hostile] [--sensors wheels|all]
+    python -m bench.slam_closures [--seeds 10 | --seed 4 --seed 10] [--lidar rplidar_a1|sick] [--noise hostile]
+        [--sensors wheels|all]
 
 Each seed is another office floor of 150 x 100 m with 1.5 km of route, and another robot. A loop is wrong where it is
 off by more than `WRONG_M` and three of its own standard deviations in a direction, or by more than `WRONG_RAD`: one
@@ -64,7 +65,8 @@ def judged(off: NDArray[np.float64], information: NDArray[np.float64]) -> tuple[
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--seeds", type=int, default=10, help="offices 1 to SEEDS")
+    parser.add_argument("--seed", type=int, action="append", help="this office only; may be given several times")
     parser.add_argument("--lidar", default="rplidar_a1")
     parser.add_argument("--noise", default="hostile")
     parser.add_argument("--sensors", choices=["wheels", "all"], default="wheels", help="`all`: a gyro, too")
@@ -81,7 +83,7 @@ def main() -> None:
 
 
 def runs(arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    for seed in range(1, arguments.seeds + 1):
+    for seed in arguments.seed or range(1, arguments.seeds + 1):
         robot = SimulatedRobot(
             load_scene(f"office:{seed}"),
             "r1",
