@@ -165,6 +165,11 @@ class Inputs:
         own = seen * speed if seen is not None else usual
         return usual if usual / ALIKE_SCANS < own < usual * ALIKE_SCANS else own
 
+    def _again(self, status: RobotStatus) -> int:
+        """Frames that another edge would have to take of the robot before it is where this one is, at most."""
+        edge = self._fleet.edge
+        return status.sent if edge.checkpoints is None else min(status.sent, edge.checkpoint_frames)
+
     def robot_rows(
         self, robots: Iterable[str], edges: Sequence[str], routes: Mapping[str, Route], reach: Mapping[str, list[str]]
     ) -> list[dict[str, Any]]:
@@ -186,7 +191,7 @@ class Inputs:
                     "bandwidth": self._links.transfers(robot, edges, size * frames),
                     "slam_s": scan_s * frames,
                     "pack_s": status.pack_s if status is not None else 0.0,
-                    "move_s": NEVER_S if ended else scan_s * status.sent if status is not None else 0.0,
+                    "move_s": NEVER_S if ended else scan_s * self._again(status) if status is not None else 0.0,
                     "slam": route.slam_edge,
                     "fuse": route.fuse_edge,
                 }

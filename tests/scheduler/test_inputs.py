@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -163,6 +165,17 @@ def test_a_round_holds_the_frames_that_the_robot_makes_between_two_fusions() -> 
     inputs.hear(status("r1", 101, ended=True), 21.0)
     (row,) = inputs.robot_rows(("r1",), ("e1",), {"r1": _route("e1")}, {"r1": ["e1"]})
     assert row["move_s"] == NEVER_S, "a robot that sends no more"
+
+
+def test_where_edges_share_checkpoints_a_robot_is_moved_for_the_frames_since_the_last_one(tmp_path: Path) -> None:
+    shared = EdgeConfig(checkpoints=tmp_path, checkpoint_frames=50)
+    inputs = Inputs(fleet("e1").model_copy(update={"edge": shared}), Profile(slam_s={"": 0.002}))
+    prices = []
+    for sent in (20, 5000):
+        inputs.hear(status("r1", sent), 1.0)
+        (row,) = inputs.robot_rows(("r1",), ("e1",), {"r1": _route("e1")}, {"r1": ["e1"]})
+        prices.append(row["move_s"])
+    assert prices == pytest.approx([20 * 0.002, 50 * 0.002])
 
 
 def test_what_if_an_edge_were_slower_is_a_factor_on_its_speed() -> None:
