@@ -1,11 +1,14 @@
 """Trajectory error and map IoU of the SLAM kernels in all simulated scenes, and with worse or fewer sensors.
 
     python -m bench.slam_scenes [scenes|sensors] [--seeds 5] [--kernel gmapping] [--scene apartment] [--lidar lds01]
+        [--go-on]
 
 Each seed is another route of the scene, driven by another robot with other errors. The map is brought to the truth by
 the trajectory, never by itself. `true poses` draws the same scans where they were really taken, and `exact ranges` does
 so without the laser's noise: how far this drawing gets with these cells. `every scan` draws all noisy scans at their
-true poses, not only one each 0.3 m or rad: what thinning scans costs. Tables are in metres.
+true poses, not only one each 0.3 m or rad: what thinning scans costs. What is drawn of a scan is what `graph` draws.
+Tables are in metres. Each row is written as it comes to `results/slam_rows.jsonl`; `--go-on` takes
+over those that are there.
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ from common.sim.truth import visible_walls
 from common.sweep import Sweep
 from services.edge_worker.slam.kernel import create
 from services.edge_worker.slam.raycast import Canvas
+from services.edge_worker.slam.surfaces import walls
 from services.edge_worker.slam.warmup import warmup
 from services.robot_agent.packing import pack
 
@@ -47,6 +51,7 @@ APART = 0.3
 FAILED_M = 0.3
 """a trajectory that is off by more than this anywhere has failed"""
 OUT = Path("results")
+KEPT = OUT / "slam_rows.jsonl"
 
 
 @dataclass(frozen=True)
@@ -96,10 +101,13 @@ def main() -> None:
     parser.add_argument("--kernel", action="append", choices=KERNELS)
     parser.add_argument("--scene", action="append", choices=SCENES)
     parser.add_argument("--lidar", action="append", choices=LIDARS)
+    parser.add_argument("--go-on", action="store_true", help="take over the rows that a run with this code has kept")
     options = parser.parse_args()
     kernels, lidars = options.kernel or KERNELS, options.lidar or LIDARS
     seeds = range(1, options.seeds + 1)
     OUT.mkdir(exist_ok=True)
+    if not options.go_on:
+        KEPT.unlink(missing_ok=True)
     warmup()
     for what in [options.what] if options.what else ["scenes", "sensors"]:
         if what == "scenes":
@@ -123,9 +131,20 @@ def sensed(scenes: list[str] | None, lidars: tuple[str, ...]) -> Iterator[Case]:
 
 
 def measured(cases: list[Case], columns: tuple[str, ...]) -> Iterator[Row]:
-    for case in cases:
-        for column in columns:
-            yield measure(case, column)
+    """A row for each case and column; what is measured is kept at once."""
+    known = {(row.case, row.kernel): row for row in kept_rows()}
+    for case, column in product(cases, columns):
+        if (case, column) not in known:
+            row = known[case, column] = measure(case, column)
+            with KEPT.open("a") as file:
+                file.write(json.dumps(asdict(row)) + "\n")
+        yield known[case, column]
+
+
+def kept_rows() -> Iterator[Row]:
+    for line in KEPT.read_text().splitlines() if KEPT.exists() else []:
+        fields = json.loads(line)
+        yield Row(**fields | {"case": Case(**fields["case"])})
 
 
 def measure(case: Case, kernel: str) -> Row:
@@ -172,13 +191,19 @@ def drawn(robot: SimulatedRobot, exact: bool, apart: float) -> tuple[NDArray[np.
             if max(np.hypot(moved[0], moved[1]), abs(moved[2])) < apart:
                 continue
         last = pose
-        canvas.draw(pose, ends(robot, sweep, exact), np.zeros(2))
+        points, beams = ends(robot, sweep, exact)
+        laser = np.array(robot.lidar.geometry.mount[:2])
+        met, joined = walls(points, beams, laser)
+        canvas.draw(pose, met, laser, joined=joined)
     canvas.publish(grid)
     return np.array(rows), grid
 
 
-def ends(robot: SimulatedRobot, sweep: Sweep, exact: bool) -> NDArray[np.float32]:
-    """Ends (n, 2) of the sweep's beams in the base frame at its stamp, each from where the laser was at its time."""
+def ends(robot: SimulatedRobot, sweep: Sweep, exact: bool) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Ends (n, 2) of the sweep's beams in the base frame at its stamp, each from where the laser was at its time.
+
+    With them the beams' indices (n,).
+    """
     seen = np.flatnonzero(np.isfinite(sweep.ranges))
     ranges = true_ranges(robot.scene.world, robot.lidar, robot.track, sweep.stamp, []) if exact else sweep.ranges
     laser = compose(robot.track.turned(sweep.stamp + robot.lidar.offsets()), robot.lidar.geometry.mount)[seen]
@@ -186,7 +211,7 @@ def ends(robot: SimulatedRobot, sweep: Sweep, exact: bool) -> NDArray[np.float32
     reach = ranges[seen, None].astype(np.float64)
     world = laser[:, :2] + reach * np.column_stack([np.cos(bearing), np.sin(bearing)])
     kept = np.isfinite(world).all(axis=1)
-    return apply(inverse(robot.pose(sweep.stamp)), world[kept]).astype(np.float32)
+    return apply(inverse(robot.pose(sweep.stamp)), world[kept]).astype(np.float32), seen[kept].astype(np.int32)
 
 
 def markdown(rows: list[Row], columns: tuple[str, ...]) -> str:

@@ -8,6 +8,7 @@ hangs on keyframes (local map, robot map, trajectory) follows.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from services.edge_worker.slam import graph_settings, graph_snapshot, thinning
 from services.edge_worker.slam.corrections import Corrections
 from services.edge_worker.slam.graph_settings import GraphSettings
 from services.edge_worker.slam.kernel import Estimate
-from services.edge_worker.slam.keyframe import Keyframe
+from services.edge_worker.slam.keyframe import Keyframe, View
 from services.edge_worker.slam.loop_closer import LoopCloser
 from services.edge_worker.slam.rendering import Rendering
 from services.edge_worker.slam.scan import Scan, ScanReader, unslipped
@@ -38,6 +39,8 @@ THIN_SHARE = 0.1
 """of the keyframes, dropped at once when there are too many"""
 LOST_SHARE = 5.0
 """keyframe distances that dead reckoning bridges before a scan without a match becomes a keyframe"""
+VIEWS = 2
+"""scans between two keyframes that are drawn as well, evenly spread: far walls need more looks than matching does"""
 
 
 class GraphSlam:
@@ -49,6 +52,8 @@ class GraphSlam:
         self.tracker = Tracker(settings)
         self.graph = PoseGraph()
         self.keyframes: list[Keyframe] = []
+        self.views: list[View] = []
+        """of scans since the last keyframe, in its frame; they will hang on the next one"""
         self.closer = LoopCloser(settings)
         self.rendering = Rendering(settings.resolution_m)
         self.track = Trajectory()
@@ -80,11 +85,14 @@ class GraphSlam:
         if match.slip is not None:
             self.reader.slipped(match.slip)
             scan = unslipped(scan, match.slip)
-        if self._is_new_place(match):
+        moved = self._moved(match)
+        if moved > (1.0 if match.matched else LOST_SHARE):
             self._add_keyframe(scan, match)
             self._close_loops()
             if len(self.keyframes) > self.settings.max_keyframes:
                 self._thin()
+        elif match.matched and len(self.views) < VIEWS and moved > (len(self.views) + 1) / (VIEWS + 1):
+            self.views.append(View.of(scan, between(self.graph.poses[-1], self.pose)))
         newest = len(self.keyframes) - 1
         self.track.append(scan.stamp, newest, between(self.graph.poses[newest], self.pose))
         return Estimate(self.pose.copy(), match.matched)
@@ -107,14 +115,19 @@ class GraphSlam:
     def restore(self, data: bytes) -> None:
         graph_snapshot.read(data, self)
 
-    def _is_new_place(self, match: Match) -> bool:
-        """Far enough from the last keyframe? A scan that did not match must not fork the map before it has to."""
+    def _moved(self, match: Match) -> float:
+        """Share of a keyframe's distance that lies behind: at 1 a scan becomes one.
+
+        A scan that did not match must not fork the map before it has to.
+        """
         moved = between(self.graph.poses[-1], match.pose)
         share = max(np.hypot(moved[0], moved[1]) / self.settings.keyframe_m, abs(moved[2]) / self.settings.keyframe_rad)
-        return bool(share > (1.0 if match.matched else LOST_SHARE))
+        return float(share)
 
     def _add_keyframe(self, scan: Scan, match: Match | None) -> None:
-        keyframe = Keyframe.of(scan)
+        back = between(self.pose, self.graph.poses[-1]) if match is not None else np.zeros(3)
+        keyframe = Keyframe.of(scan, [replace(view, pose=compose(back, view.pose)) for view in self.views])
+        self.views = []
         node = self.graph.add_node(self.pose)
         self.keyframes.append(keyframe)
         if match is not None:

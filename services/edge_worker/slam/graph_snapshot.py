@@ -1,11 +1,12 @@
 """A `graph` kernel as bytes and back: msgpack of [header, body], the body zstd of msgpack with tagged arrays.
 
-What can be computed again (normals, local map, submaps laid out, the robot map) is not in it.
+What can be computed again (normals, walls, local map, submaps laid out, the robot map) is not in it.
 """
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import msgpack
@@ -16,9 +17,10 @@ from common.errors import SnapshotRefused
 from common.geometry.pose_graph import PoseGraph
 from common.wire.arrays import EXT_ARRAY, pack_array, unpack_array
 from services.edge_worker.slam.graph_settings import GraphSettings
-from services.edge_worker.slam.keyframe import Keyframe, normals
+from services.edge_worker.slam.keyframe import Keyframe, View, normals
 from services.edge_worker.slam.loop_closer import Loop, LoopCloser
 from services.edge_worker.slam.submap import Submap
+from services.edge_worker.slam.surfaces import walls
 from services.edge_worker.slam.tracker import Tracker
 from services.edge_worker.slam.trajectory import Trajectory
 
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
     from services.edge_worker.slam.graph import GraphSlam
 
 KERNEL = "graph"
-VERSION = 3
+VERSION = 4
 MOST_BYTES = 1 << 30
 """of an unpacked body"""
 
@@ -44,6 +46,7 @@ def write(kernel: GraphSlam) -> bytes:
         "graph": [graph.poses, graph.pairs, graph.measured, graph.information, graph.loops],
         "track": kernel.track.state(),
         "keyframes": _keyframes_out(kernel.keyframes),
+        "views": _views_out([*(frame.views[:-1] for frame in kernel.keyframes), kernel.views]),
         "submaps": [[s.anchor, list(s.members), s.poses] for s in closer.submaps],
         "tried": closer.tried,
         "waiting": [[w.anchor, w.keyframe, w.measured, w.information, *w.correction] for w in closer.waiting],
@@ -68,7 +71,8 @@ def read(data: bytes, kernel: GraphSlam) -> None:
         state = msgpack.unpackb(plain, ext_hook=_array_in, strict_map_key=False)
         graph, closer = PoseGraph(), LoopCloser(kernel.settings)
         graph.poses, graph.pairs, graph.measured, graph.information, graph.loops = state["graph"]
-        keyframes = _keyframes_in(*state["keyframes"])
+        *views, pending_views = _views_in(*state["views"])
+        keyframes = _keyframes_in(views, *state["keyframes"])
         if len(keyframes) != len(graph.poses):
             raise ValueError(f"{len(keyframes)} keyframes, {len(graph.poses)} poses")
         closer.submaps = [Submap(anchor, tuple(members), poses) for anchor, members, poses in state["submaps"]]
@@ -84,6 +88,7 @@ def read(data: bytes, kernel: GraphSlam) -> None:
     kernel.reader.restore(reader)
     kernel.pose, kernel.slack, kernel.pending, kernel.keyframes = pose, slack, pending, keyframes
     kernel.graph, kernel.closer, kernel.tracker, kernel.track = graph, closer, tracker, track
+    kernel.views = pending_views
     kernel.rendering.restart(version)
 
 
@@ -120,16 +125,46 @@ def _keyframes_out(keyframes: list[Keyframe]) -> list[Any]:
     return [sizes, lasers, points, beams, silent]
 
 
-def _keyframes_in(sizes: Any, lasers: Any, points: Any, beams: Any, silent: Any) -> list[Keyframe]:
+def _keyframes_in(
+    views: list[list[View]], sizes: Any, lasers: Any, points: Any, beams: Any, silent: Any
+) -> list[Keyframe]:
     out = []
     p = s = 0
-    for (ends_n, silent_n), laser in zip(sizes.tolist(), lasers, strict=True):
+    for before, (ends_n, silent_n), laser in zip(views, sizes.tolist(), lasers, strict=True):
         ends, index = points[p : p + ends_n].copy(), beams[p : p + ends_n].astype(np.int32)
-        out.append(Keyframe(ends, normals(ends, index, laser), index, silent[s : s + silent_n].copy(), laser))
+        quiet = silent[s : s + silent_n].copy()
+        own = View(np.zeros(3), *walls(ends, index, laser), quiet, laser)
+        out.append(Keyframe(ends, normals(ends, index, laser), index, quiet, laser, (*before, own)))
         p, s = p + ends_n, s + silent_n
     if p != len(points) or s != len(silent):
         raise ValueError("points left over")
     return out
+
+
+def _views_out(groups: list[Sequence[View]]) -> list[Any]:
+    """How many views each group has (g,), sizes (k, 2), poses and lasers (k, 5), all ends, joins and silent ends."""
+    views = [view for group in groups for view in group]
+    sizes = np.array([[len(view.ends), len(view.silent)] for view in views], np.int32).reshape(-1, 2)
+    places = np.array([[*view.pose, *view.laser] for view in views]).reshape(-1, 5)
+    ends = np.concatenate([view.ends for view in views] or [np.empty((0, 2), np.float32)])
+    joined = np.concatenate([view.joined for view in views] or [np.empty(0, np.bool_)])
+    silent = np.concatenate([view.silent for view in views] or [np.empty((0, 2), np.float32)])
+    return [np.array([len(group) for group in groups], np.int32), sizes, places, ends, np.packbits(joined), silent]
+
+
+def _views_in(groups: Any, sizes: Any, places: Any, ends: Any, joined: Any, silent: Any) -> list[list[View]]:
+    views = []
+    joins = np.unpackbits(joined, count=len(ends)).astype(np.bool_)
+    p = s = 0
+    for (ends_n, silent_n), place in zip(sizes.tolist(), places, strict=True):
+        of = slice(p, p + ends_n)
+        quiet = silent[s : s + silent_n].copy()
+        views.append(View(place[:3].copy(), ends[of].copy(), joins[of].copy(), quiet, place[3:].copy()))
+        p, s = p + ends_n, s + silent_n
+    if p != len(ends) or s != len(silent) or groups.sum() != len(views):
+        raise ValueError("views left over")
+    last = np.cumsum(groups).tolist()
+    return [views[end - count : end] for end, count in zip(last, groups.tolist(), strict=True)]
 
 
 def _array_out(value: Any) -> Any:

@@ -1,7 +1,8 @@
-"""A keyframe: a scan that is kept, with the direction of the wall at each of its points."""
+"""A keyframe: a scan that is kept, with the direction of the wall at each of its points, and what is drawn of it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from services.edge_worker.slam.scan import Points, Scan
+from services.edge_worker.slam.surfaces import walls
 
 REACH = 2
 """neighbours on each side that a wall's direction is fitted to"""
@@ -20,6 +22,27 @@ MAX_ROUGHNESS = 0.03
 GRAZING = 0.05
 """cosine of the flattest angle at which a beam is thought to meet a wall"""
 TINY = 1e-9
+
+
+@dataclass(frozen=True)
+class View:
+    """A scan as it is drawn."""
+
+    pose: NDArray[np.float64]
+    """(3,) in the frame of the keyframe that it hangs on"""
+    ends: Points
+    """(n, 2) m where its beams met walls, in its own frame; better known than its points (see surfaces.py)"""
+    joined: NDArray[np.bool_]
+    """(n,) whether there is wall from this end on to the next"""
+    silent: Points
+    """(m, 2) m"""
+    laser: NDArray[np.float64]
+    """(2,) m"""
+
+    @classmethod
+    def of(cls, scan: Scan, pose: NDArray[np.float64]) -> View:
+        ends, joined = walls(scan.points, scan.beams, scan.laser)
+        return cls(pose, ends, joined, scan.silent, scan.laser)
 
 
 @dataclass(frozen=True)
@@ -36,10 +59,15 @@ class Keyframe:
     """(m, 2) m"""
     laser: NDArray[np.float64]
     """(2,) m"""
+    views: tuple[View, ...]
+    """what is drawn: some scans on the way here, the scan itself last"""
 
     @classmethod
-    def of(cls, scan: Scan) -> Keyframe:
-        return cls(scan.points, normals(scan.points, scan.beams, scan.laser), scan.beams, scan.silent, scan.laser)
+    def of(cls, scan: Scan, before: Iterable[View] = ()) -> Keyframe:
+        """Of a scan, with views `before` it, whose poses are in its frame."""
+        facing = normals(scan.points, scan.beams, scan.laser)
+        views = (*before, View.of(scan, np.zeros(3)))
+        return cls(scan.points, facing, scan.beams, scan.silent, scan.laser, views)
 
 
 @njit(cache=True)

@@ -2,7 +2,8 @@
 
 A scan counts a cell once, however many of its beams meet it, and a hit wins over a pass. Between the ends of two
 neighbouring beams there may be wall: the cells there count as neither. Else beams that graze a wall eat it, each
-passing several of its cells before it ends in one. Counts are sums of whole numbers, so scans can be drawn in any order
+passing several of its cells before it ends in one. Where both are known to lie on one surface (`joined`), the cells
+between are hit as well. Counts are sums of whole numbers, so scans can be drawn in any order
 and taken away again, and the result is the same bit for bit (until a cell saturates: then both counts freeze).
 """
 
@@ -17,6 +18,8 @@ from common.grid.grid import SATURATED
 from common.grid.sharpen import sharpened
 from services.edge_worker.slam.scan import NO_POINTS, Points
 
+NOWHERE = np.empty(0, np.bool_)
+"""no two ends are joined"""
 UNSEEN, PASSED, HIT = np.uint8(0), np.uint8(1), np.uint8(2)
 NEIGHBOURS = np.tan(np.radians(3.5))
 """tangent of the angle within which two beams that end are neighbours; lasers have 0.25 to 2 degrees between beams"""
@@ -39,14 +42,16 @@ class Canvas:
         laser: NDArray[np.float64],
         silent: Points = NO_POINTS,
         times: int = 1,
+        joined: NDArray[np.bool_] = NOWHERE,
     ) -> None:
         """Count a scan taken at `pose` (3,): ends (n, 2) and `laser` (2,) in the base frame; `times=-1` takes it away.
 
-        `silent` (m, 2) are ends of beams that met nothing: passed, not hit.
+        `silent` (m, 2) are ends of beams that met nothing: passed, not hit. There is wall from the ends that are
+        `joined` (n,) to the next one.
         """
         if len(points) + len(silent) == 0:
             return
-        patch, x0, y0 = trace(pose, points, silent, laser, self.resolution)
+        patch, x0, y0 = trace(pose, points, silent, laser, self.resolution, joined)
         height, width = patch.shape
         for ty in range(y0 // TILE, (y0 + height - 1) // TILE + 1):
             for tx in range(x0 // TILE, (x0 + width - 1) // TILE + 1):
@@ -75,7 +80,12 @@ class Canvas:
 
 @njit(cache=True)
 def trace(
-    pose: NDArray[np.float64], points: Points, silent: Points, laser: NDArray[np.float64], resolution: float
+    pose: NDArray[np.float64],
+    points: Points,
+    silent: Points,
+    laser: NDArray[np.float64],
+    resolution: float,
+    joined: NDArray[np.bool_],
 ) -> tuple[NDArray[np.uint8], int, int]:
     """One scan on its own patch: uint8 (height, width) of UNSEEN, PASSED and HIT, and the cell (x, y) of its [0, 0].
 
@@ -104,6 +114,8 @@ def trace(
         if _neighbours(points[i] - laser, points[after] - laser):
             _walk(patch, x0, y0, (ends[i, 0], ends[i, 1]), ends[after], UNSEEN)
     for i in range(n):
+        if len(joined) and joined[i]:
+            _walk(patch, x0, y0, (ends[i, 0], ends[i, 1]), ends[(i + 1) % n], HIT)
         patch[int(np.floor(ends[i, 1])) - y0, int(np.floor(ends[i, 0])) - x0] = HIT
     return patch, x0, y0
 

@@ -1,8 +1,9 @@
 """The robot map drawn from keyframes: only what has moved is drawn again.
 
-A keyframe is drawn at its pose rounded to a fraction of a cell, so that the map is a pure function of the graph,
-whenever and however often it was drawn before, and corrections too small to see cost nothing. Drawing can be done in
-slices on a canvas that nobody sees; the grid changes when all of it is done, so that no map is half corrected.
+A keyframe, with the views that hang on it, is drawn at its pose rounded to a fraction of a cell, so that the map is a
+pure function of the graph, whenever and however often it was drawn before, and corrections too small to see cost
+nothing. Drawing can be done in slices on a canvas that nobody sees; the grid changes when all of it is done, so that no
+map is half corrected.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from common.geometry import compose
 from common.grid import Grid
 from services.edge_worker.slam.corrections import Corrections
 from services.edge_worker.slam.keyframe import Keyframe
@@ -94,4 +96,6 @@ class Rendering:
         self._gone.clear()
 
     def _draw(self, keyframe: Keyframe, rounded: NDArray[np.int64], times: int) -> None:
-        self._canvas.draw(rounded * self._steps, keyframe.points, keyframe.laser, keyframe.silent, times)
+        pose = rounded * self._steps
+        for view in keyframe.views:
+            self._canvas.draw(compose(pose, view.pose), view.ends, view.laser, view.silent, times, view.joined)

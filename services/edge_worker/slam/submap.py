@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from services.edge_worker.slam.branch_and_bound import COARSE, pyramid
 from services.edge_worker.slam.keyframe import Keyframe
-from services.edge_worker.slam.raycast import trace
+from services.edge_worker.slam.raycast import NOWHERE, trace
 from services.edge_worker.slam.scan import Points
 from services.edge_worker.slam.surfels import SurfelMap
 
@@ -46,7 +46,7 @@ class Target:
             points = np.ascontiguousarray(frame.points[near])
             if len(points):
                 self.surfels.insert(points, np.ascontiguousarray(frame.normals[near]), pose)
-                patch, x0, y0 = trace(pose, points, frame.silent[:0], frame.laser, COARSE)
+                patch, x0, y0 = trace(pose, points, frame.silent[:0], frame.laser, COARSE, NOWHERE)
                 overlay(self.seen, patch, x0, y0)
         self.levels = pyramid(self.surfels.field)
 
