@@ -27,7 +27,8 @@ from common.geometry.pose_graph import PoseGraph
 from common.sim import SimulatedRobot, load_scene
 from services.edge_worker.slam.graph import GraphSlam
 from services.edge_worker.slam.keyframe import Keyframe
-from services.edge_worker.slam.loop_closer import Loop, LoopCloser
+from services.edge_worker.slam.loop import Loop
+from services.edge_worker.slam.loop_closer import LoopCloser
 from services.edge_worker.slam.warmup import warmup
 from services.robot_agent.packing import pack
 
@@ -49,7 +50,12 @@ class JudgedCloser(LoopCloser):
 
     def look(self, graph: PoseGraph, keyframes: list[Keyframe]) -> list[Loop]:
         self.poses[id(keyframes[-1])] = (keyframes[-1], self.truth)
-        loops = super().look(graph, keyframes)
+        return self._judge(super().look(graph, keyframes), keyframes)
+
+    def look_back(self, graph: PoseGraph, keyframes: list[Keyframe]) -> list[Loop]:
+        return self._judge(super().look_back(graph, keyframes), keyframes)
+
+    def _judge(self, loops: list[Loop], keyframes: list[Keyframe]) -> list[Loop]:
         for loop in loops:
             a, b = (self.poses[id(keyframes[k])][1] for k in (loop.anchor, loop.keyframe))
             self.errors.append(judged(between(between(a, b), loop.measured), loop.information))

@@ -65,11 +65,12 @@ def test_every_frame_has_a_row_and_the_map_is_one_object_with_rising_versions() 
     assert kernel.trajectory()[:, 0].tolist() == [frame.stamp for frame in frames]
 
 
-def test_a_loop_brings_the_drift_back_to_nothing() -> None:
+def test_a_loop_brings_the_drift_back_to_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     # a laser that sees a few metres drifts from room to room; one that sees through all of them has no drift to lose
     drive = {"duration_s": 110.0, "noise": "worn", "imu": False, "lidar": "lds01"}
     with_loops = run(driven(**drive), local_keyframes=15)
-    without = run(driven(**drive), local_keyframes=15, loop_inliers=1.0)
+    monkeypatch.setattr(GraphSlam, "_close_loops", lambda _: None)
+    without = run(driven(**drive), local_keyframes=15)
     with_loops.finish()
     assert with_loops.graph.loops.any()
     assert not without.graph.loops.any()

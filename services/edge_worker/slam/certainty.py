@@ -14,14 +14,16 @@ def believed(information: NDArray[np.float64], scatter: float) -> NDArray[np.flo
 
     Normals are fitted to noisy points, and seem to hold the pose along a straight wall: with a variance v of their
     direction, v of what all points say goes astray to the direction across. This much is taken off the two
-    directions in which the position is known, once the heading is taken as free.
+    directions in which the position is known, once the heading is taken as free. What such a direction seems to say
+    of the heading goes with it: far points would turn their scatter into a heading that depends on the place.
     """
     position, cross, heading = information[:2, :2], information[:2, 2], information[2, 2]
     known, axes = np.linalg.eigh(position - np.outer(cross, cross) / max(heading, 1e-12))
     astray = np.clip(scatter * np.trace(position), 0.0, np.maximum(known, 0.0))
-    out = information.copy()
-    out[:2, :2] -= (axes * astray) @ axes.T
-    return out
+    kept = np.sqrt(1.0 - astray / np.maximum(known, 1e-12))
+    shrink = np.eye(3)
+    shrink[:2, :2] = (axes * kept) @ axes.T
+    return np.asarray(shrink @ information @ shrink, np.float64)
 
 
 def holds(scan: NDArray[np.float64], motion: NDArray[np.float64]) -> bool:

@@ -29,8 +29,8 @@ from services.edge_worker.slam.scan import Scan, ScanReader, unslipped
 from services.edge_worker.slam.tracker import Match, Tracker
 from services.edge_worker.slam.trajectory import Trajectory
 
-OPTIMISE_EVERY = 10
-"""loops between optimisations, if none moves much"""
+OPTIMISE_EVERY = 20
+"""loops between optimisations, if none moves much; every other one, as a rule, looks back"""
 MOVES_M, MOVES_RAD = 0.1, 0.02
 """a loop that moves its keyframe further is worked in at once"""
 ITERATIONS = 2
@@ -144,6 +144,7 @@ class GraphSlam:
 
     def _close_loops(self) -> None:
         loops = self.closer.look(self.graph, self.keyframes)
+        loops += self.closer.look_back(self.graph, self.keyframes)
         for loop in loops:
             self.graph.add_edge(loop.anchor, loop.keyframe, loop.measured, loop.information, loop=True)
         self.pending += len(loops)

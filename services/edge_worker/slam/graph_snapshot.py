@@ -18,7 +18,8 @@ from common.geometry.pose_graph import PoseGraph
 from common.wire.arrays import EXT_ARRAY, pack_array, unpack_array
 from services.edge_worker.slam.graph_settings import GraphSettings
 from services.edge_worker.slam.keyframe import Keyframe, View, normals
-from services.edge_worker.slam.loop_closer import Loop, LoopCloser
+from services.edge_worker.slam.loop import Loop
+from services.edge_worker.slam.loop_closer import LoopCloser
 from services.edge_worker.slam.submap import Submap
 from services.edge_worker.slam.surfaces import walls
 from services.edge_worker.slam.tracker import Tracker

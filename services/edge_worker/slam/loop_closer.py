@@ -13,12 +13,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from common.geometry import between, compose, wrap
+from common.geometry import between, compose
 from common.geometry.pose_graph import PoseGraph
 from services.edge_worker.slam.branch_and_bound import search
 from services.edge_worker.slam.graph_settings import GraphSettings
-from services.edge_worker.slam.icp import align
+from services.edge_worker.slam.icp import Alignment, align
 from services.edge_worker.slam.keyframe import Keyframe, thin
+from services.edge_worker.slam.loop import SMALL_M, Loop, consistent
 from services.edge_worker.slam.scan import Points
 from services.edge_worker.slam.submap import Submap, Target, TargetCache, evidence
 
@@ -27,6 +28,10 @@ QUERY_KEYFRAMES = 5
 QUERY_SPACING = 0.1
 """m between points of one keyframe in a query"""
 SEARCH_POINTS = 120
+BACK_M = 0.1
+"""largest correction by a loop that was not searched for: ICP leads no further"""
+BACK_SPACING = 0.05
+"""m between points of the one old keyframe that is looked for"""
 MATCH_POINTS = 400
 NEAR_M = 2.5
 """a submap this near, give or take the drift, can be seen"""
@@ -42,14 +47,6 @@ RIVAL_SHARE = 0.93
 """a second place with this share of the best one's score makes a loop ambiguous"""
 RIVAL_M = 0.6
 """m between two places"""
-SMALL_M, SMALL_RAD = 0.3, 0.08
-"""corrections up to these are taken on one loop's word"""
-FIRM_M = 0.1
-"""standard deviation up to which a loop holds a direction"""
-AGREE_M, AGREE_RAD, AGREE_SHARE = 0.1, 0.025, 0.01
-"""how well two loops must agree: m, rad, and m per metre travelled between them"""
-APART_KEYFRAMES = 4
-"""loops agree only if their keyframes are at least this far apart"""
 WITNESSES = 2
 """loops that must agree on a large correction"""
 MEMORY_KEYFRAMES = 40
@@ -60,33 +57,10 @@ FLOOR = np.diag([0.01**2, 0.01**2, 0.003**2])
 """covariance that every loop has at least: rigid submaps are not quite what they were measured as"""
 SCATTER = 0.03
 """share of the points that may seem to hold a loop along a corridor and do not: one door is like another"""
+NOTHING = np.diag([1e-4, 1e-4, 1e-2])
+"""information that even a loop has that holds nothing: it can be inverted"""
 FREE_SIGMA = (2.0, 1.0)
 """m, rad: the prior of a loop's refinement, weak enough to leave it to the points"""
-
-
-@dataclass(frozen=True)
-class Loop:
-    """A keyframe seen from another one, of long ago."""
-
-    anchor: int
-    """the keyframe of the submap that is nearest"""
-    keyframe: int
-    measured: NDArray[np.float64]
-    """(3,) pose of the keyframe in the anchor's frame"""
-    information: NDArray[np.float64]
-    """(3, 3) in the keyframe's frame"""
-    correction: tuple[float, float]
-    """m and rad by which it would move the keyframe"""
-
-    @property
-    def firm(self) -> bool:
-        """It holds the keyframe in all directions."""
-        covariance = np.linalg.inv(self.information)[:2, :2]
-        return bool(np.linalg.eigvalsh(covariance)[1] < FIRM_M**2)
-
-    @property
-    def small(self) -> bool:
-        return self.correction[0] <= SMALL_M and self.correction[1] <= SMALL_RAD
 
 
 @dataclass
@@ -164,6 +138,11 @@ class LoopCloser:
         settings = self.settings
         return min(settings.loop_radius_m + settings.loop_growth * self.travelled, settings.loop_radius_max_m)
 
+    @property
+    def turn(self) -> float:
+        """rad by which the heading can be off."""
+        return min(TURN_BASE + TURN_GROWTH * self.travelled, TURN_MAX)
+
     def _candidate(self, graph: PoseGraph, newest: int) -> int:
         """The submap to compare with: near, old, and not tried lately; -1 for none."""
         old = newest - self.settings.local_keyframes
@@ -185,9 +164,40 @@ class LoopCloser:
         target = self.cache.get(number, submap, keyframes)
         guess = between(graph.poses[submap.anchor], graph.poses[newest])
         found = self._place(target, points, guess)
-        if found is None:
-            return None
-        alignment = align(target.surfels, points, normals, found, found, FREE_SIGMA, scatter=SCATTER)
+        return None if found is None else self._judged(target, submap, newest, points, normals, guess, found)
+
+    def look_back(self, graph: PoseGraph, keyframes: list[Keyframe]) -> list[Loop]:
+        """A loop the other way round: one keyframe of long ago, of those around, seen in the latest submap."""
+        if not self.submaps:
+            return []
+        newest, number = len(keyframes) - 1, len(self.submaps) - 1
+        submap = self.submaps[number]
+        old = graph.poses[: max(submap.members[0] - self.settings.local_keyframes, 0), :2]
+        around = np.flatnonzero(np.hypot(*(old - graph.poses[submap.anchor, :2]).T) < NEAR_M)
+        if not len(around):
+            return []
+        k = int(around[newest % len(around)])
+        frame = keyframes[k]
+        kept = thin(frame.points, frame.normals, frame.laser, BACK_SPACING, MATCH_POINTS)
+        if len(kept) < self.settings.min_points * 2:
+            return []
+        target = self.cache.get(number, submap, keyframes)
+        guess = between(graph.poses[submap.anchor], graph.poses[k])
+        loop = self._judged(target, submap, k, frame.points[kept], frame.normals[kept], guess, guess)
+        return [loop] if loop is not None and loop.correction[0] <= BACK_M and loop.small else []
+
+    def _judged(
+        self,
+        target: Target,
+        submap: Submap,
+        keyframe: int,
+        points: Points,
+        normals: Points,
+        guess: NDArray[np.float64],
+        start: NDArray[np.float64],
+    ) -> Loop | None:
+        """The loop that a keyframe's points (n, 2) make with a submap, refined from the pose `start` (3,) in it."""
+        alignment = align(target.surfels, points, normals, start, start, FREE_SIGMA, scatter=SCATTER)
         agree, conflict = evidence(target.seen, points, alignment.pose)
         known = agree + conflict
         inliers = alignment.inliers * len(points) / max(known, 1)
@@ -195,16 +205,26 @@ class LoopCloser:
             return None
         if inliers < self.settings.loop_inliers:
             return None
-        information = np.linalg.inv(np.linalg.inv(alignment.information + np.eye(3)) + FLOOR)
-        off = between(guess, alignment.pose)
-        nearest = int(np.argmin(np.hypot(*(submap.poses - alignment.pose)[:, :2].T)))
+        pose = self._reckoned(alignment, guess)
+        information = np.linalg.inv(np.linalg.inv(alignment.information + NOTHING) + FLOOR)
+        off = between(guess, pose)
+        nearest = int(np.argmin(np.hypot(*(submap.poses - pose)[:, :2].T)))
         return Loop(
             submap.members[nearest],
-            newest,
-            between(submap.poses[nearest], alignment.pose),
+            keyframe,
+            between(submap.poses[nearest], pose),
             information,
             (float(np.hypot(off[0], off[1])), abs(float(off[2]))),
         )
+
+    def _reckoned(self, alignment: Alignment, guess: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The pose (3,) that was found, but as dead reckoning has it where the points hold nothing.
+
+        Along a corridor the search ends anywhere: what it says there is no correction.
+        """
+        prior = np.diag([self.drift**-2, self.drift**-2, self.turn**-2])
+        off = between(alignment.pose, guess)
+        return compose(alignment.pose, np.linalg.solve(alignment.information + prior, prior @ off))
 
     def _query(self, graph: PoseGraph, keyframes: list[Keyframe], newest: int) -> tuple[Points, Points]:
         """Points and normals (n, 2) of the latest keyframes in the frame of the newest."""
@@ -224,7 +244,7 @@ class LoopCloser:
     def _place(self, target: Target, points: Points, guess: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """The lattice pose that fits best, if it is good and nothing else is about as good."""
         sample = points[:: max(len(points) // SEARCH_POINTS, 1)]
-        turn = min(TURN_BASE + TURN_GROWTH * self.travelled, TURN_MAX)
+        turn = self.turn
         step, floor, nowhere = 0.025, MIN_SCORE, np.zeros(2)
         found, score = search(target.levels, sample, guess, self.drift, turn, step, floor, nowhere, 0.0)
         if score <= floor:
@@ -251,18 +271,6 @@ class LoopCloser:
         """Begin anew to count the drift, if a loop holds the robot in all directions: a corridor's does not."""
         if any(loop.firm for loop in loops):
             self.travelled = 0.0
-
-
-def consistent(graph: PoseGraph, a: Loop, b: Loop) -> bool:
-    """Do two loops from keyframes apart say the same? They close a cycle with dead reckoning on both sides."""
-    if abs(b.keyframe - a.keyframe) < APART_KEYFRAMES:
-        return False
-    poses = graph.poses
-    there = compose(between(poses[a.anchor], poses[b.anchor]), b.measured)
-    here = compose(a.measured, between(poses[a.keyframe], poses[b.keyframe]))
-    off = between(here, there)
-    length = np.hypot(*(poses[b.keyframe] - poses[a.keyframe])[:2]) + np.hypot(*(poses[b.anchor] - poses[a.anchor])[:2])
-    return bool(np.hypot(off[0], off[1]) < AGREE_M + AGREE_SHARE * length and abs(wrap(off[2])) < AGREE_RAD)
 
 
 @njit(cache=True)

@@ -1,0 +1,73 @@
+"""What a loop of the `graph` kernel may say: nothing along a corridor, and something of old keyframes, too."""
+
+from __future__ import annotations
+
+import numpy as np
+from graph_cases import driven, robot, run
+from numpy.typing import NDArray
+
+from common.geometry import between
+from common.geometry.pose_graph import PoseGraph
+from services.edge_worker.slam.graph_settings import GraphSettings
+from services.edge_worker.slam.keyframe import Keyframe, normals
+from services.edge_worker.slam.loop_closer import LoopCloser
+from services.edge_worker.slam.submap import Submap, Target
+
+WIDTH_M = 2.0
+
+
+def corridor(end_m: float | None, seed: int) -> Keyframe:
+    """A look along a corridor from its middle, to a wall across its end if there is one."""
+    angles = np.radians(np.arange(-90.0, 90.5, 0.5))
+    with np.errstate(divide="ignore"):
+        ranges = np.minimum(WIDTH_M / 2 / np.abs(np.sin(angles)), 12.0)
+        if end_m is not None:
+            ranges = np.minimum(ranges, end_m / np.maximum(np.cos(angles), 1e-9))
+    beams = np.flatnonzero(ranges < 12.0).astype(np.int32)
+    ranges = ranges[beams] + np.random.default_rng(seed).normal(0.0, 0.01, len(beams))
+    points = (ranges[:, None] * np.stack([np.cos(angles[beams]), np.sin(angles[beams])], 1)).astype(np.float32)
+    facing = normals(points, beams, np.zeros(2))
+    return Keyframe(points, facing, beams, np.empty((0, 2), np.float32), np.zeros(2))
+
+
+def looked(end_m: float | None, slid: NDArray[np.float64], guess: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+    """Pose (3,) and information (3, 3) of a loop that the search found at `slid`, where `guess` was reckoned."""
+    ends = [None if end_m is None else end_m - 0.3 * k for k in range(8)]
+    submap = Submap(0, tuple(range(8)), np.array([[0.3 * k, 0.0, 0.0] for k in range(8)]))
+    keyframes = [corridor(end, seed) for seed, end in enumerate(ends)]
+    query = corridor(None if end_m is None else end_m - 1.0, 99)
+    closer = LoopCloser(GraphSettings())
+    loop = closer._judged(Target(submap, keyframes), submap, 8, query.points, query.normals, guess, slid)
+    assert loop is not None
+    pose = between(between(submap.poses[loop.anchor], np.zeros(3)), loop.measured)
+    return pose, loop.information
+
+
+def test_a_loop_in_a_corridor_corrects_across_it_and_keeps_to_dead_reckoning_along_it() -> None:
+    pose, information = looked(None, np.array([2.5, 0.02, 0.005]), np.array([1.0, 0.3, 0.05]))
+    assert np.all(np.abs(pose - (1.0, 0.0, 0.0)) < (0.15, 0.02, 0.01))
+    assert np.linalg.inv(information)[0, 0] > 20.0**2
+    assert information[1, 1] > 0.02**-2
+
+
+def test_a_loop_at_the_end_of_a_corridor_corrects_along_it() -> None:
+    pose, information = looked(6.0, np.array([1.05, 0.02, 0.005]), np.array([1.5, 0.3, 0.05]))
+    assert np.abs(pose - (1.0, 0.0, 0.0)).max() < 0.02
+    assert np.linalg.inv(information)[0, 0] < 0.05**2
+
+
+def test_keyframes_of_long_ago_are_seen_in_the_latest_submap_and_lie_where_they_did() -> None:
+    kernel = run(driven(duration_s=80.0), local_keyframes=20)
+    pairs, loops = kernel.graph.pairs, kernel.graph.loops == 1
+    back = loops & (pairs[:, 0] > pairs[:, 1])
+    assert back.sum() > 5
+    rows = kernel.trajectory()
+    keyframes = kernel.track.state()[1]
+    first = np.array([np.flatnonzero(keyframes == k)[0] for k in range(len(kernel.keyframes))])
+    truth = robot(duration_s=80.0).poses(rows[first, 0])
+    off = between(between(truth[pairs[back, 0]], truth[pairs[back, 1]]), kernel.graph.measured[back])
+    assert np.hypot(off[:, 0], off[:, 1]).max() < 0.06
+
+
+def test_there_is_nothing_to_look_back_at_before_the_first_submap() -> None:
+    assert LoopCloser(GraphSettings()).look_back(PoseGraph(), [corridor(6.0, 0)]) == []
