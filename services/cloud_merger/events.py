@@ -92,6 +92,11 @@ class FetchSketch:
 
     notice: MapNotice
 
+    @property
+    def name(self) -> str:
+        """Of what is fetched."""
+        return f"robot/{self.notice.robot}"
+
 
 @dataclass(frozen=True)
 class FetchPart:
@@ -99,6 +104,11 @@ class FetchPart:
 
     notice: EdgeMapNotice
     since: int
+
+    @property
+    def name(self) -> str:
+        """Of what is fetched."""
+        return f"edge/{self.notice.edge}"
 
 
 @dataclass(frozen=True)

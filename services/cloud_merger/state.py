@@ -174,16 +174,16 @@ class CloudState:
 
     def _ended(self, fetch: FetchSketch | FetchPart) -> bool:
         """Whether the fetch is the one under way; it is no more then."""
-        name = _name(fetch)
+        name = fetch.name
         if self.fetching.get(name) is not fetch:
             return False
         del self.fetching[name]
         return True
 
     def _fetch(self, fetch: FetchSketch | FetchPart) -> list[Instruction]:
-        if _name(fetch) in self.fetching:
+        if fetch.name in self.fetching:
             return []
-        self.fetching[_name(fetch)] = fetch
+        self.fetching[fetch.name] = fetch
         return [fetch]
 
     def _fetch_sketch(self, robot: str) -> list[Instruction]:
@@ -298,8 +298,3 @@ class CloudState:
         current = {robot: self._current(robot) for robot in self.members}
         covers = {robot: notice.cover for robot, notice in current.items() if notice is not None}
         return covers if covers.keys() == current.keys() else None
-
-
-def _name(fetch: FetchSketch | FetchPart) -> str:
-    notice = fetch.notice
-    return f"robot/{notice.robot}" if isinstance(notice, MapNotice) else f"edge/{notice.edge}"
