@@ -148,6 +148,18 @@ def test_a_restored_kernel_continues_bit_for_bit(lag_scans: int) -> None:
     assert kernel.snapshot() == straight.snapshot()
 
 
+def test_a_restored_map_shows_what_was_shown_also_where_scans_were_not_published_yet() -> None:
+    frames = drive(60)
+    straight = run(frames[:45])
+    straight.map()
+    for frame in frames[45:]:
+        straight.process(frame)
+    kernel = GMapping.create(FEW, 1)
+    kernel.restore(straight.snapshot())
+    assert kernel.chart.grid.digest() == straight.chart.grid.digest()
+    assert kernel.map().digest() == straight.map().digest()
+
+
 def test_restored_at_twenty_points_the_final_map_is_the_same_bit_for_bit() -> None:
     frames = drive(100)
     straight = GMapping.create(FEW, 1)

@@ -18,6 +18,7 @@ import zstandard
 
 from common.errors import BadMessage, SnapshotRefused
 from common.grid import Grid
+from common.grid.sharpen import sharpened
 from common.grid.tiles import decode_counts, encode_counts
 from common.wire.arrays import DTYPES, EXT_ARRAY, pack_array, unpack_array
 from services.edge_worker.slam import patch_state
@@ -136,7 +137,7 @@ def _chart_out(chart: ParticleChart) -> dict[str, Any]:
         "changed": [[*key, version] for key, version in grid.changed.items()],
         "canvas": [[*key, encode_counts(tile)] for key, tile in canvas.tiles.items()],
         "touched": sorted(canvas.touched),
-        "published": [[*key, encode_counts(grid.tiles[key])] for key in sorted(canvas.touched) if key in grid.tiles],
+        "published": [[*key, encode_counts(grid.tiles[key])] for key in sorted(canvas.stale()) if key in grid.tiles],
         "drawn": np.array(chart.drawn).reshape(-1, 3),
     }
 
@@ -147,7 +148,7 @@ def _chart_in(state: dict[str, Any], resolution_m: float) -> ParticleChart:
     canvas.tiles = {(x, y): decode_counts(data).copy() for x, y, data in state["canvas"]}
     canvas.touched = {(x, y) for x, y in state["touched"]}
     changed = {(x, y): version for x, y, version in state["changed"]}
-    tiles = {key: canvas.tiles[key].copy() for key in changed}
+    tiles = {key: sharpened(canvas.tiles, key) for key in changed}
     tiles.update({(x, y): decode_counts(data).copy() for x, y, data in state["published"]})
     chart.grid = Grid(resolution_m, tiles, state["version"], changed)
     chart.drawn = list(state["drawn"].copy())

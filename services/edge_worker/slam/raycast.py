@@ -65,9 +65,13 @@ class Canvas:
 
     def publish(self, grid: Grid) -> None:
         """Bring `grid` up to date, walls sharpened: one new version, for the tiles whose counts differ."""
-        around = {(x + dx, y + dy) for x, y in self.touched for dx in (-1, 0, 1) for dy in (-1, 0, 1)}
-        grid.replace_if_different((key, sharpened(self.tiles, key)) for key in sorted(around & self.tiles.keys()))
+        grid.replace_if_different((key, sharpened(self.tiles, key)) for key in sorted(self.stale()))
         self.touched.clear()
+
+    def stale(self) -> set[TileKey]:
+        """Tiles that may be published otherwise: those that changed since, and their neighbours."""
+        around = {(x + dx, y + dy) for x, y in self.touched for dx in (-1, 0, 1) for dy in (-1, 0, 1)}
+        return around & self.tiles.keys()
 
     def _count(self, patch: NDArray[np.uint8], x0: int, y0: int, key: TileKey, times: int) -> None:
         tile = self.tiles.get(key)
