@@ -26,9 +26,11 @@ POLL_S = 0.05
 BAD_WORDS = ("Traceback", "never retrieved", "never awaited", "was destroyed but")
 
 
-def fleet(names: tuple[str, ...] = ("r1", "r2"), count: int = 2, duration_s: float = 20.0, **fields: Any) -> Fleet:
+def fleet(
+    names: tuple[str, ...] = ("r1", "r2"), count: int = 2, duration_s: float = 20.0, lidar: str = "lds01", **fields: Any
+) -> Fleet:
     """Robots of the two rooms who stop early."""
-    source = {"kind": "sim", "scene": "two_rooms", "lidar": "lds01", "speed_mps": 0.5, "duration_s": duration_s}
+    source = {"kind": "sim", "scene": "two_rooms", "lidar": lidar, "speed_mps": 0.5, "duration_s": duration_s}
     defaults: dict[str, Any] = {
         "seed": 1,
         "batch": True,

@@ -25,7 +25,8 @@ def by_room(routes: Routes) -> bool:
 async def test_the_robots_of_a_room_are_fused_at_one_edge_and_nobody_is_lost_by_coming_and_going(
     tmp_path: Path,
 ) -> None:
-    live = fleet(("r1", "r2", "r3", "r4", "r5"), duration_s=40.0, batch=False)
+    # what a laser of 3.5 m sees of a room in so short a time may be ambiguous
+    live = fleet(("r1", "r2", "r3", "r4", "r5"), duration_s=40.0, lidar="rplidar_a1", batch=False)
     async with cluster(live, tmp_path) as made:
         finals: list[set[str]] = []
 
