@@ -254,7 +254,7 @@ class CloudState:
         if covers is None:
             return []
         final = self.world.final and bool(covers) and all(part.final for part in parts.values())
-        final = final and covers == self._final_covers()
+        final = final and covers == self._final_covers() and self.settled == self.final_versions()
         if self.world.final and not final:
             return []  # never show less than the final map while its parts come in
         versions = {edge: part.version for edge, part in parts.items()}

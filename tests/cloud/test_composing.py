@@ -9,6 +9,7 @@ from services.cloud_merger.events import (
     Composed,
     EdgeMapNoticed,
     FetchPart,
+    FetchSketch,
     Instruction,
     MapNoticed,
     PartFetched,
@@ -36,6 +37,22 @@ def test_no_map_is_final_without_a_robot_whose_map_is_being_made_anew_elsewhere(
     state.handle(Solved(solved(solve, {"r1": 1, "r2": 1})))
     state.handle(Routed(routes(2, {"r1": "e1", "r2": "e1"}, epochs={"r2": 2})))
     assert part(state, "e1", "r1", 5) == []
+
+
+def test_a_final_map_that_was_made_anew_is_not_final_in_the_world_of_the_one_before() -> None:
+    state, solve = settled()
+    state.handle(Solved(solved(solve, {"r1": 1, "r2": 1})))
+    part(state, "e1", "r1", 5)
+    part(state, "e2", "r2", 6)
+    state.handle(Composed(well=True))
+    notice = map_notice("r1", "e1", 2, final=True)
+    steps = state.handle(MapNoticed(notice))
+    covers = {"r1": notice.cover}
+    edge_map = edge_notice("e1", 7, solve.above + 1, covers, final=True)
+    fetch = only(FetchPart, [*state.handle(EdgeMapNoticed(edge_map)), *state.handle(Tick())])
+    assert state.handle(PartFetched(fetch, 7, edge_map.world_epoch, covers, final=True)) == []
+    again = only(Solve, state.handle(SketchFetched(only(FetchSketch, steps))))
+    assert again.final
 
 
 def test_a_composition_that_failed_is_tried_again() -> None:
