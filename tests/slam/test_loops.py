@@ -27,7 +27,7 @@ def corridor(end_m: float | None, seed: int) -> Keyframe:
     ranges = ranges[beams] + np.random.default_rng(seed).normal(0.0, 0.01, len(beams))
     points = (ranges[:, None] * np.stack([np.cos(angles[beams]), np.sin(angles[beams])], 1)).astype(np.float32)
     facing = normals(points, beams, np.zeros(2))
-    return Keyframe(points, facing, beams, np.empty((0, 2), np.float32), np.zeros(2))
+    return Keyframe(points, facing, beams, np.empty((0, 2), np.float32), np.zeros(2), views=())
 
 
 def looked(end_m: float | None, slid: NDArray[np.float64], guess: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
