@@ -15,15 +15,9 @@ from bench.synthetic_cluster import SyntheticCluster
 from common.bus import Bus, keys
 from common.config import SchedulerConfig
 from common.parent import Leash
+from common.presence import RobotSeen
 from common.service import forget_start
-from services.scheduler.events import (
-    EdgeSeen,
-    Interval,
-    MakePlan,
-    Profiled,
-    RobotSeen,
-    Tick,
-)
+from services.scheduler.events import EdgeSeen, Interval, MakePlan, Profiled, Tick
 from services.scheduler.service import Scheduler
 
 ROUTER = """

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from common.config import EdgeConfig, EdgeEntry, Fleet, RobotConfig, SchedulerConfig
+from common.presence import RobotSeen
 from common.wire import (
     Cover,
     EdgeMapNotice,
@@ -21,18 +22,7 @@ from common.wire import (
     RobotStatus,
 )
 from services.scheduler.costs import FusionModel
-from services.scheduler.events import (
-    EdgeSeen,
-    Event,
-    Instruction,
-    Interval,
-    MakePlan,
-    Planned,
-    Profiled,
-    Publish,
-    RobotSeen,
-    Tick,
-)
+from services.scheduler.events import EdgeSeen, Event, Instruction, Interval, MakePlan, Planned, Profiled, Publish, Tick
 from services.scheduler.inputs import Inputs
 from services.scheduler.plan_host import PlanHost
 from services.scheduler.profile import Profile

@@ -9,9 +9,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 
+@dataclass(frozen=True)
+class RobotSeen:
+    """A robot has come, or gone; `now` in seconds of any steady clock, as all times here."""
+
+    robot: str
+    alive: bool
+    now: float
+
+
+@dataclass(frozen=True)
+class Linked:
+    """The router is there, or is lost."""
+
+    up: bool
+    now: float
+
+
 @dataclass
 class Presence:
-    """One peer's; times are seconds of any steady clock."""
+    """One peer's."""
 
     alive: bool = True
     since: float = 0.0

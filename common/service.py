@@ -18,7 +18,7 @@ from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any
 
-from common.bus import Bus
+from common.bus import Bus, keys
 from common.bus.intake import Received
 from common.config import Fleet, load
 from common.errors import UsageError
@@ -67,6 +67,12 @@ class Service:
     def _heard(self, received: Received) -> None:
         """Take a message of a key that is heard."""
 
+    def _seen(self, tier: str, name: str, alive: bool) -> None:
+        """A peer of this tier ("robot", "edge") has come or gone."""
+
+    def _linked(self, up: bool) -> None:
+        """The router is there, or is lost."""
+
     def _start(self, work: Coroutine[Any, Any, None], name: str) -> None:
         """A task that ends with the service; when it fails, the service does."""
         self._tasks.create_task(work, name=name)
@@ -75,6 +81,12 @@ class Service:
         """Have `_heard` called with the latched values of these keys, and with each new one."""
         for key_expr in key_exprs:
             self._start(self._watch(key_expr), f"hear {key_expr}")
+
+    def _follow_presence(self, *alive_exprs: str) -> None:
+        """Have `_seen` called when peers with these liveliness keys come or go, and `_linked` when the router does."""
+        for key_expr in alive_exprs:
+            self._start(self._watch_alive(key_expr), f"alive {key_expr}")
+        self._start(self._watch_link(), "link")
 
     def _every(self, seconds: float, do: Callable[[], Awaitable[None] | None], name: str) -> None:
         """Do it again and again, the first time after so many seconds."""
@@ -87,6 +99,14 @@ class Service:
     async def _watch(self, key_expr: str) -> None:
         async for received in self.bus.watch(key_expr):
             self._heard(received)
+
+    async def _watch_alive(self, key_expr: str) -> None:
+        async for token in self.bus.watch_alive(key_expr):
+            self._seen(*keys.owner(token.key), token.alive)
+
+    async def _watch_link(self) -> None:
+        async for link in self.bus.watch_link():
+            self._linked(link.up)
 
     async def _repeat(self, seconds: float, do: Callable[[], Awaitable[None] | None]) -> None:
         while True:

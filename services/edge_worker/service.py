@@ -19,6 +19,7 @@ from common.bus.intake import Received
 from common.config import Fleet
 from common.errors import BadMessage, PeerError, WorkerDied
 from common.link import LinkMeter
+from common.presence import Linked, RobotSeen
 from common.service import Service
 from common.wire import (
     Ack,
@@ -95,8 +96,7 @@ class EdgeWorker(Service):
             keys.CLOUD_TRANSFORMS,
             keys.edge_robot_map(keys.ANY, keys.ANY),
         )
-        self._start(self._follow_robots(), "robots")
-        self._start(self._follow_link(), "link")
+        self._follow_presence(keys.robot_alive(keys.ANY))
         self._every(TICK_S, lambda: self._feed(slam.Tick(time.monotonic())), "tick")
         self._every(self._fleet.edge.map_every_s, self.maps.tell_all, "maps")
         self._start(self._fusion.run(), "fusion")
@@ -131,14 +131,11 @@ class EdgeWorker(Service):
                     self.maps.delayed(robot, time.time() - received.sent_s)
                 self._feed(slam.FrameCame(received.message))
 
-    async def _follow_robots(self) -> None:
-        async for token in self.bus.watch_alive(keys.robot_alive(keys.ANY)):
-            _, robot = keys.owner(token.key)
-            self._feed(slam.RobotSeen(robot, token.alive, time.monotonic()))
+    def _seen(self, tier: str, name: str, alive: bool) -> None:
+        self._feed(RobotSeen(name, alive, time.monotonic()))
 
-    async def _follow_link(self) -> None:
-        async for link in self.bus.watch_link():
-            self._feed(slam.Linked(link.up, time.monotonic()))
+    def _linked(self, up: bool) -> None:
+        self._feed(Linked(up, time.monotonic()))
 
     # Instructions out
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import count
 
-from common.presence import Presence, RouterLink, seen
+from common.presence import Linked, Presence, RobotSeen, RouterLink, seen
 from common.wire import Claims, EndOfStream, Epoch, Frame, RobotProfile, Routes
 from services.edge_worker.checkpoint import Checkpoint, Keeping
 from services.edge_worker.instance import Instance, Phase
@@ -23,21 +23,6 @@ class Routed:
     """A routing table came."""
 
     routes: Routes
-
-
-@dataclass(frozen=True)
-class RobotSeen:
-    robot: str
-    alive: bool
-    now: float
-
-
-@dataclass(frozen=True)
-class Linked:
-    """The router is there, or is lost."""
-
-    up: bool
-    now: float
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from common.presence import Linked, RobotSeen
 from common.wire import Claims, Epoch, RobotProfile, Routes
-
-
-@dataclass(frozen=True)
-class RobotSeen:
-    robot: str
-    alive: bool
-    now: float
 
 
 @dataclass(frozen=True)
@@ -25,14 +19,6 @@ class EdgeSeen:
 @dataclass(frozen=True)
 class Profiled:
     profile: RobotProfile
-    now: float
-
-
-@dataclass(frozen=True)
-class Linked:
-    """The router is there, or is lost."""
-
-    up: bool
     now: float
 
 

@@ -13,6 +13,7 @@ from common.bus.intake import Received
 from common.bus.tiles import fetch_tiles
 from common.config import Fleet
 from common.errors import PeerError, UsageError, WorkerDied
+from common.presence import Linked, RobotSeen
 from common.service import Service
 from common.wire import (
     Claims,
@@ -78,9 +79,7 @@ class Scheduler(Service):
             keys.CLOUD_TRANSFORMS,
             keys.CLOUD_STATUS,
         )
-        self._start(self._follow_link(), "link")
-        self._start(self._follow_alive(keys.robot_alive(keys.ANY)), "robots")
-        self._start(self._follow_alive(keys.edge_alive(keys.ANY)), "edges")
+        self._follow_presence(keys.robot_alive(keys.ANY), keys.edge_alive(keys.ANY))
         self._every(TICK_S, lambda: self._feed(scheduling.Tick(self._clock())), "tick")
         self._every(
             self._fleet.scheduler.interval_s, lambda: self._feed(scheduling.Interval(self._clock())), "interval"
@@ -126,17 +125,12 @@ class Scheduler(Service):
             self._problem(relief.reason)
         self._feed(scheduling.Relieved(status.edge, relief.moves, relief.reason, self._clock()))
 
-    async def _follow_link(self) -> None:
-        async for link in self.bus.watch_link():
-            self._feed(scheduling.Linked(link.up, self._clock()))
+    def _linked(self, up: bool) -> None:
+        self._feed(Linked(up, self._clock()))
 
-    async def _follow_alive(self, key_expr: str) -> None:
-        async for token in self.bus.watch_alive(key_expr):
-            tier, name = keys.owner(token.key)
-            if tier == "robot":
-                self._feed(scheduling.RobotSeen(name, token.alive, self._clock()))
-            else:
-                self._feed(scheduling.EdgeSeen(name, token.alive, self._clock()))
+    def _seen(self, tier: str, name: str, alive: bool) -> None:
+        kind = RobotSeen if tier == "robot" else scheduling.EdgeSeen
+        self._feed(kind(name, alive, self._clock()))
 
     # Instructions out
 

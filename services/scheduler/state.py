@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
-from common.presence import Presence, RouterLink, seen
+from common.presence import Linked, Presence, RobotSeen, RouterLink, seen
 from common.wire import Claims, Epoch, RobotProfile, Route, Routes
 from services.scheduler.events import (
     Claimed,
@@ -22,14 +22,12 @@ from services.scheduler.events import (
     Event,
     Instruction,
     Interval,
-    Linked,
     MakePlan,
     PlanFailed,
     Planned,
     Profiled,
     Publish,
     Relieved,
-    RobotSeen,
     Tick,
 )
 from services.scheduler.topology import Topology

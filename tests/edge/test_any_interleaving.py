@@ -10,6 +10,7 @@ from edge_samples import STREAM, frame, profile, routes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common.presence import RobotSeen
 from common.wire import EndOfStream
 from services.edge_worker import state as slam
 from services.edge_worker.checkpoint import Checkpoint
@@ -55,7 +56,7 @@ class World:
         self.count = 1
         self.route(dict.fromkeys(self.robots, "e1"))
         for robot in self.robots:
-            self.give(slam.RobotSeen(robot, True, 0.0))
+            self.give(RobotSeen(robot, True, 0.0))
 
     def route(self, slam_edges: dict[str, str]) -> None:
         self.give(slam.Routed(routes(self.count, slam_edges, epochs=dict.fromkeys(slam_edges, self.count))))
@@ -145,7 +146,7 @@ class World:
 
     def go_or_come(self, robot: str) -> None:
         self.there[robot] = not self.there[robot]
-        told: list[slam.Event] = [slam.RobotSeen(robot, self.there[robot], self.now)]
+        told: list[slam.Event] = [RobotSeen(robot, self.there[robot], self.now)]
         told += [slam.Profiled(profile(robot))] if self.there[robot] else []
         for event in self.random.sample(told, len(told)):
             self.give(event)

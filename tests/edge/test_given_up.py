@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from edge_samples import STREAM, frame, profile, routes
 
+from common.presence import Linked, RobotSeen
 from common.wire import EndOfStream
 from services.edge_worker import state as slam
 from services.edge_worker.instance import Phase
@@ -16,7 +17,7 @@ LEASE_S = 60.0
 def left(*seqs: int) -> EdgeState:
     """r1 was there, its frames `seqs` have come, and at time 100 it is gone."""
     state = EdgeState("e1", 1, window=16, lease_s=LEASE_S, keep_s=1000.0)
-    state.handle(slam.RobotSeen("r1", True, 0.0))
+    state.handle(RobotSeen("r1", True, 0.0))
     state.handle(slam.Routed(routes(1, {"r1": "e1"})))
     state.handle(slam.Opened("r1", 1))
     state.handle(slam.PageCame("r1", 1, STREAM, (), 0, None))
@@ -24,7 +25,7 @@ def left(*seqs: int) -> EdgeState:
         state.handle(slam.FrameCame(frame(seq)))
     for seq in seqs:
         state.handle(slam.FrameDone("r1", 1, seq))
-    state.handle(slam.RobotSeen("r1", False, 100.0))
+    state.handle(RobotSeen("r1", False, 100.0))
     state.handle(slam.Tick(100.1))
     state.handle(slam.FetchFailed("r1", 1))
     return state
@@ -48,9 +49,9 @@ def test_a_robot_that_is_gone_for_longer_than_the_lease_ends_at_its_last_frame()
 
 def test_nobody_is_given_up_while_the_router_is_away_nor_before_the_lease_has_passed_since_its_return() -> None:
     state = left(0)
-    state.handle(slam.Linked(False, 101.0))
+    state.handle(Linked(False, 101.0))
     assert not given_up(state.handle(slam.Tick(900.0)))
-    state.handle(slam.Linked(True, 900.0))
+    state.handle(Linked(True, 900.0))
     assert not given_up(state.handle(slam.Tick(900.0 + LEASE_S)))
     assert given_up(state.handle(slam.Tick(900.1 + LEASE_S))) == [0]
 
@@ -61,7 +62,7 @@ def test_a_robot_that_comes_back_goes_on_from_before_the_last_refinement() -> No
     assert [type(step) for step in steps if isinstance(step, Keep | Finish)] == [Keep, Finish]
     (kept,) = [step.checkpoint for step in steps if isinstance(step, Keep)]
     state.handle(slam.InstanceFinished("r1", 1))
-    (step,) = state.handle(slam.RobotSeen("r1", True, 300.0))
+    (step,) = state.handle(RobotSeen("r1", True, 300.0))
     assert isinstance(step, Open)
     state.handle(slam.Opened("r1", 2, kept))
     instance = state.instances["r1"]
@@ -78,7 +79,7 @@ def test_a_map_that_left_out_frames_which_the_robot_may_bring_back_is_not_gone_o
     assert not [step for step in steps if isinstance(step, Keep)]
     state.handle(slam.InstanceFinished("r1", 1))
     assert state.instances["r1"].backlog.gaps == 1
-    assert [type(step) for step in state.handle(slam.RobotSeen("r1", True, 300.0))] == [Open]
+    assert [type(step) for step in state.handle(RobotSeen("r1", True, 300.0))] == [Open]
 
 
 def test_an_end_that_was_told_counts_again_once_the_robot_is_back() -> None:
@@ -86,7 +87,7 @@ def test_an_end_that_was_told_counts_again_once_the_robot_is_back() -> None:
     state.handle(slam.Ended(EndOfStream(robot="r1", stream=STREAM, last_seq=4)))
     assert given_up(state.handle(slam.Tick(200.0))) == [0]
     state.handle(slam.InstanceFinished("r1", 1))
-    state.handle(slam.RobotSeen("r1", True, 300.0))
+    state.handle(RobotSeen("r1", True, 300.0))
     assert state.instances["r1"].last_seq == 4
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from common.presence import RobotSeen
 from common.wire import RobotProfile, Routes
-from services.scheduler.events import EdgeSeen, Event, Instruction, Profiled, Publish, RobotSeen, Tick
+from services.scheduler.events import EdgeSeen, Event, Instruction, Profiled, Publish, Tick
 from services.scheduler.state import SchedulerState
 from services.scheduler.topology import Topology
 

@@ -5,16 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from common.config import EdgeConfig, EdgeEntry, Fleet, RobotConfig, RobotEntry, SimSource
+from common.presence import RobotSeen
 from common.wire import EdgeStatus, InstanceStatus, RobotProfile, RobotStatus
-from services.scheduler.events import (
-    EdgeSeen,
-    Planned,
-    Profiled,
-    Publish,
-    Relieved,
-    RobotSeen,
-    Tick,
-)
+from services.scheduler.events import EdgeSeen, Planned, Profiled, Publish, Relieved, Tick
 from services.scheduler.inputs import Inputs
 from services.scheduler.overload import Overloads
 from services.scheduler.profile import Profile

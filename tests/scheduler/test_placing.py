@@ -6,7 +6,8 @@ from collections import Counter
 
 from scheduler_samples import GRACE, come, profile, scheduler, table, tell
 
-from services.scheduler.events import EdgeSeen, Linked, Profiled, Publish, RobotSeen, Tick
+from common.presence import Linked, RobotSeen
+from services.scheduler.events import EdgeSeen, Profiled, Publish, Tick
 from services.scheduler.state import SETTLE_S, SchedulerState
 from services.scheduler.topology import Topology
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from scheduler_samples import GRACE, come, scheduler, table
 
-from services.scheduler.events import EdgeSeen, Interval, Linked, MakePlan, PlanFailed, Planned, Relieved, RobotSeen
+from common.presence import Linked, RobotSeen
+from services.scheduler.events import EdgeSeen, Interval, MakePlan, PlanFailed, Planned, Relieved
 
 
 def test_nothing_is_planned_until_everybody_could_be_back_after_an_outage() -> None:

@@ -8,19 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scheduler_samples import GRACE, come, profile, scheduler, table
 
+from common.presence import Linked, RobotSeen
 from common.wire import Claims
-from services.scheduler.events import (
-    Claimed,
-    EdgeSeen,
-    Event,
-    Interval,
-    Linked,
-    MakePlan,
-    Planned,
-    Profiled,
-    RobotSeen,
-    Tick,
-)
+from services.scheduler.events import Claimed, EdgeSeen, Event, Interval, MakePlan, Planned, Profiled, Tick
 from services.scheduler.state import SchedulerState
 from services.scheduler.topology import Topology
 

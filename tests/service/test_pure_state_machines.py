@@ -9,10 +9,14 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PURE = [
+    "common/presence.py",
+    "services/edge_worker/backlog.py",
+    "services/edge_worker/checkpoint.py",
     "services/edge_worker/instance.py",
     "services/edge_worker/instructions.py",
     "services/edge_worker/state.py",
     "services/edge_worker/fusing.py",
+    "services/cloud_merger/changes.py",
     "services/cloud_merger/events.py",
     "services/cloud_merger/state.py",
     "services/cloud_merger/trace.py",
