@@ -14,9 +14,10 @@ from rich.table import Table
 
 from common.bus import Bus, keys
 from common.grid.versions import count_of
-from common.wire import EdgeStatus, GlobalMapNotice, RobotStatus, Route, Routes
+from common.wire import EdgeStatus, GlobalMapNotice, Message, RobotStatus, Route, Routes
 from services.command.collect import vanished
 
+FOLLOWED = (keys.robot_status(keys.ANY), keys.edge_status(keys.ANY), keys.SCHEDULER_ROUTES, keys.CLOUD_MAP)
 REDRAW_S = 0.5
 LINE_S = 5.0
 """between two plain lines"""
@@ -31,6 +32,17 @@ class Progress:
     edges: dict[str, EdgeStatus] = field(default_factory=dict)
     routes: dict[str, Route] = field(default_factory=dict)
     map: GlobalMapNotice | None = None
+
+    def hear(self, message: Message) -> None:
+        match message:
+            case RobotStatus():
+                self.robots[message.robot] = message
+            case EdgeStatus():
+                self.edges[message.edge] = message
+            case Routes():
+                self.routes = dict(message.routes)
+            case GlobalMapNotice():
+                self.map = message
 
     @property
     def elapsed_s(self) -> float:
@@ -69,10 +81,7 @@ async def shown(bus: Bus, console: Console) -> AsyncIterator[Progress]:
     """Follow the run and show it until the context is left."""
     progress = Progress()
     tasks = [
-        asyncio.create_task(_follow_robots(bus, progress), name="follow robots"),
-        asyncio.create_task(_follow_edges(bus, progress), name="follow edges"),
-        asyncio.create_task(_follow_routes(bus, progress), name="follow routes"),
-        asyncio.create_task(_follow_map(bus, progress), name="follow map"),
+        *(asyncio.create_task(_follow(bus, key, progress), name=f"follow {key}") for key in FOLLOWED),
         asyncio.create_task((_redraw if console.is_terminal else _print)(progress, console), name="show"),
     ]
     try:
@@ -83,28 +92,9 @@ async def shown(bus: Bus, console: Console) -> AsyncIterator[Progress]:
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def _follow_robots(bus: Bus, progress: Progress) -> None:
-    async for received in bus.watch(keys.robot_status(keys.ANY)):
-        if isinstance(received.message, RobotStatus):
-            progress.robots[received.message.robot] = received.message
-
-
-async def _follow_edges(bus: Bus, progress: Progress) -> None:
-    async for received in bus.watch(keys.edge_status(keys.ANY)):
-        if isinstance(received.message, EdgeStatus):
-            progress.edges[received.message.edge] = received.message
-
-
-async def _follow_routes(bus: Bus, progress: Progress) -> None:
-    async for received in bus.watch(keys.SCHEDULER_ROUTES):
-        if isinstance(received.message, Routes):
-            progress.routes = dict(received.message.routes)
-
-
-async def _follow_map(bus: Bus, progress: Progress) -> None:
-    async for received in bus.watch(keys.CLOUD_MAP):
-        if isinstance(received.message, GlobalMapNotice):
-            progress.map = received.message
+async def _follow(bus: Bus, key_expr: str, progress: Progress) -> None:
+    async for received in bus.watch(key_expr):
+        progress.hear(received.message)
 
 
 async def _redraw(progress: Progress, console: Console) -> None:
