@@ -87,8 +87,9 @@ def match(
     shared = overlap(a, b, hypotheses[0].pose) if hypotheses else 0.0
     if kind != "merged":
         return _result(kind, reason, hypotheses, a, b, None, shared)
-    bent = _bent(a, b, hypotheses[0], settings)
-    kind, reason = _doubted(a, b, hypotheses, bent, shared, settings) or (kind, reason)
+    against = against_m(a, b, hypotheses[0].pose, None, settings)
+    bent = _bent(a, b, hypotheses[0], against, settings)
+    kind, reason = _doubted(a, b, hypotheses, against, bent, shared, settings) or (kind, reason)
     return _result(kind, reason, hypotheses, a, b, bent, shared)
 
 
@@ -105,19 +106,29 @@ def track(a: MatchMap, b: MatchMap, transform: ArrayLike, *, settings: FusionSet
     if judge_alone(hypothesis, settings)[0] != "merged":
         hypothesis = straighten(a, b, hypothesis, settings)
     kind, reason = judge_alone(hypothesis, settings)
-    bent = _bent(a, b, hypothesis, settings) if kind == "merged" else None
+    bent = None
+    if kind == "merged":
+        bent = _bent(a, b, hypothesis, against_m(a, b, hypothesis.pose, None, settings), settings)
     return _result(kind, reason, [hypothesis], a, b, bent, overlap(a, b, hypothesis.pose))
 
 
 def _doubted(
-    a: MatchMap, b: MatchMap, hypotheses: list[Hypothesis], bent: Bend | None, shared: float, settings: FusionSettings
+    a: MatchMap,
+    b: MatchMap,
+    hypotheses: list[Hypothesis],
+    against: float,
+    bent: Bend | None,
+    shared: float,
+    settings: FusionSettings,
 ) -> tuple[VerdictKind, str] | None:
-    """Why a placement is not to be believed although nothing speaks against it, None when it is."""
+    """Why a placement is not to be believed although nothing speaks against it, None when it is.
+
+    `against` is the wall in m that contradicts it as it is.
+    """
     if shared >= settings.plain_overlap or not settings.min_distinction_m:
         return None
     best = hypotheses[0]
     detail, lead = detail_m(a, b, best.pose, settings), best.score * (1 - runner_up(hypotheses))
-    against = against_m(a, b, best.pose, None, settings)
     if bent is not None:
         against = min(against, against_m(a, b, best.pose, bent, settings))
     if distinction_m(detail, lead, against) >= settings.min_distinction_m:
@@ -165,9 +176,9 @@ def _result(
     )
 
 
-def _bent(a: MatchMap, b: MatchMap, best: Hypothesis, settings: FusionSettings) -> Bend | None:
-    """How b is bent in a, None when it fits as it is."""
+def _bent(a: MatchMap, b: MatchMap, best: Hypothesis, against: float, settings: FusionSettings) -> Bend | None:
+    """How b is bent in a, None when it fits as it is: `against` is the wall in m that contradicts it so."""
     if best.bent is not None:
         return best.bent
-    fits = best.evidence.agreement >= STRAIGHT_SHARE and not against_m(a, b, best.pose, None, settings)
+    fits = best.evidence.agreement >= STRAIGHT_SHARE and not against
     return None if fits else bend(a, b, best.pose, settings)
