@@ -9,100 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gmapping_cases import BEAMS, FEW, WALLS, changed, drive, errors, ranges_at, route, run
 
-from common.errors import ConfigError, SnapshotRefused
-from common.geometry import between, compose
+from common.errors import ConfigError
+from common.geometry import between
 from common.wire import Frame, LaserScan
 from services.edge_worker.slam.gmapping import GMapping
-from services.edge_worker.slam.gmapping_snapshot import FORMAT, HEAD_BYTES, MAGIC
-
-FEW = {"particles": 6}
-BEAMS = 180
-WALLS = np.array(
-    [
-        [[-3, -2], [4, -2]],
-        [[4, -2], [4, 3]],
-        [[4, 3], [-3, 3]],
-        [[-3, 3], [-3, -2]],
-        [[1, -2], [1, -0.6]],
-        [[-1, 3], [-1, 1.4]],
-        [[2.5, 3], [2.5, 2]],
-        [[-3, 0], [-2.2, 0.4]],
-    ],
-    float,
-)
-
-
-def ranges_at(pose: np.ndarray, beams: int = BEAMS) -> np.ndarray:
-    """Ranges (beams,) all around in a furnished room of 7 x 5 m."""
-    angles = pose[2] - np.pi + 2 * np.pi / beams * np.arange(beams)
-    ray = np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None]
-    start, along = WALLS[:, 0] - pose[:2], WALLS[:, 1] - WALLS[:, 0]
-    cross = ray[..., 0] * along[:, 1] - ray[..., 1] * along[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        way = (start[:, 0] * along[:, 1] - start[:, 1] * along[:, 0]) / cross
-        share = (start[:, 0] * ray[..., 1] - start[:, 1] * ray[..., 0]) / cross
-    return np.where((way > 0) & (share >= 0) & (share <= 1), way, np.inf).min(axis=1)
-
-
-def route(frames: int) -> np.ndarray:
-    """(frames, 3): round the room along an ellipse, looking ahead, from the origin."""
-    turn = np.linspace(0, 4 * np.pi * frames / 240, frames)
-    x, y = 1.3 * np.sin(turn), 0.6 - 0.6 * np.cos(turn)
-    return np.stack([x, y, np.unwrap(np.arctan2(0.6 * np.sin(turn), 1.3 * np.cos(turn)))], axis=1)
-
-
-def drive(frames: int = 120, odometry: bool = True, imu: bool = False, seed: int = 0) -> list[Frame]:
-    """A robot with a noisy laser whose odometry drifts (2 % in length, 5 % in turns), at 5 Hz."""
-    rng, truth = np.random.default_rng(seed), route(frames)
-    reckoned = np.zeros(3)
-    out = []
-    for k, pose in enumerate(truth):
-        moved = between(truth[k - 1], pose) if k else np.zeros(3)
-        reckoned = compose(reckoned, moved * [1.02, 1.02, 1.05])
-        ranges = ranges_at(pose) + rng.normal(0, 0.01, BEAMS)
-        gyro = np.array([[k / 5 + t, moved[2] * 5 + 0.02, 0, 0] for t in (-0.15, -0.1, -0.05, 0.0)])
-        scan = LaserScan(
-            angle_min=-np.pi,
-            angle_increment=2 * np.pi / BEAMS,
-            range_min=0.1,
-            range_max=12.0,
-            quantum=0,
-            ranges=ranges.astype(np.float32),
-        )
-        out.append(
-            Frame(
-                robot="r",
-                stream="0" * 32,
-                seq=k,
-                stamp=k / 5,
-                scan=scan,
-                odometry=np.array([[k / 5, *reckoned]]) if odometry else None,
-                imu=gyro if imu else None,
-            )
-        )
-    return out
-
-
-def changed(frame: Frame, **scan: object) -> Frame:
-    assert frame.scan is not None
-    return frame.model_copy(update={"scan": frame.scan.model_copy(update=scan)})
-
-
-def run(frames: list[Frame], seed: int = 1, **settings: object) -> GMapping:
-    kernel = GMapping.create({**FEW, **settings}, seed)
-    for frame in frames:
-        kernel.process(frame)
-    kernel.finish()
-    return kernel
-
-
-def errors(kernel: GMapping, frames: int) -> tuple[float, float]:
-    """Greatest error in metres and in radians, from the first pose on."""
-    rows = kernel.trajectory()
-    assert len(rows) == frames
-    off = between(compose(route(frames)[0], rows[:, 1:]), route(frames))
-    return float(np.hypot(off[:, 0], off[:, 1]).max()), float(np.abs(off[:, 2]).max())
 
 
 @pytest.mark.parametrize(("odometry", "imu"), [(True, False), (False, True), (False, False)])
@@ -127,77 +39,6 @@ def test_equal_seeds_give_equal_maps_and_other_seeds_others() -> None:
     assert first.map().digest() == again.map().digest()
     assert np.array_equal(first.trajectory(), again.trajectory())
     assert not np.array_equal(first.trajectory(), other.trajectory())
-
-
-@pytest.mark.parametrize("lag_scans", [12, 3000])
-def test_a_restored_kernel_continues_bit_for_bit(lag_scans: int) -> None:
-    frames = drive(90)
-    straight = run(frames[:45], lag_scans=lag_scans)
-    straight.map()
-    kernel = GMapping.create({**FEW, "lag_scans": lag_scans}, 77)
-    grid = kernel.map()
-    kernel.restore(straight.snapshot())
-    assert kernel.snapshot() == straight.snapshot()
-    for frame in frames[45:]:
-        a, b = straight.process(frame), kernel.process(frame)
-        assert np.array_equal(a.pose, b.pose)
-    assert kernel.map() is grid
-    assert straight.map().digest() == kernel.map().digest()
-    assert straight.map().changed == kernel.map().changed
-    assert np.array_equal(straight.trajectory(), kernel.trajectory())
-    assert kernel.snapshot() == straight.snapshot()
-
-
-def test_a_restored_map_shows_what_was_shown_also_where_scans_were_not_published_yet() -> None:
-    frames = drive(60)
-    straight = run(frames[:45])
-    straight.map()
-    for frame in frames[45:]:
-        straight.process(frame)
-    kernel = GMapping.create(FEW, 1)
-    kernel.restore(straight.snapshot())
-    assert kernel.chart.grid.digest() == straight.chart.grid.digest()
-    assert kernel.map().digest() == straight.map().digest()
-
-
-def test_restored_at_twenty_points_the_final_map_is_the_same_bit_for_bit() -> None:
-    frames = drive(100)
-    straight = GMapping.create(FEW, 1)
-    points = np.sort(np.random.default_rng(5).choice(100, 20, replace=False))
-    kept = {}
-    for k, frame in enumerate(frames):
-        if k in points:
-            kept[k] = straight.snapshot()
-        straight.process(frame)
-    digest, rows = straight.map().digest(), straight.trajectory()
-    for k, data in kept.items():
-        kernel = GMapping.create(FEW, 0)
-        kernel.restore(data)
-        for frame in frames[k:]:
-            kernel.process(frame)
-        assert kernel.map().digest() == digest
-        assert np.array_equal(kernel.trajectory(), rows)
-
-
-def test_a_foreign_corrupt_older_newer_or_otherwise_set_snapshot_is_refused_by_name() -> None:
-    kernel = run(drive(10))
-    data, digest = kernel.snapshot(), kernel.map().digest()
-    newer = MAGIC + (FORMAT + 1).to_bytes(2, "little") + data[len(MAGIC) + 2 :]
-    older = MAGIC + (FORMAT - 1).to_bytes(2, "little") + data[len(MAGIC) + 2 :]
-    flipped = bytearray(data)
-    flipped[HEAD_BYTES + 50] ^= 1
-    for bad, what in (
-        (b"graph" + data, "no snapshot"),
-        (newer, "newer"),
-        (older, "format 2 is older than 3"),
-        (bytes(flipped), "corrupt"),
-        (data[:-1], "corrupt"),
-    ):
-        with pytest.raises(SnapshotRefused, match=f"gmapping.*{what}"):
-            kernel.restore(bad)
-    with pytest.raises(SnapshotRefused, match="particles"):
-        GMapping.create({"particles": 7}, 1).restore(data)
-    assert kernel.map().digest() == digest
 
 
 def test_a_robot_that_starts_suddenly_in_a_corridor_is_not_taken_for_one_whose_wheels_slip() -> None:
