@@ -1,10 +1,13 @@
 """SE(2) on numpy arrays: a pose is `(x, y, theta)` in metres and radians, batches have shape (..., 3).
 
 A pose of frame B in frame A maps points of B to A: `apply(pose, points_b) -> points_a`.
-All functions broadcast over leading dimensions and return float64.
+All functions broadcast over leading dimensions and return float64. A single pose takes the same path as a batch, but in
+plain numbers: arrays of one number each would cost ten times as much.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,23 +25,16 @@ def wrap(angle: ArrayLike) -> NDArray[np.float64]:
 
 def compose(a: ArrayLike, b: ArrayLike) -> Pose:
     """The pose `b`, given in the frame of `a`, in the frame that `a` is given in."""
-    a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
-    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack(
-        [
-            a[..., 0] + c * b[..., 0] - s * b[..., 1],
-            a[..., 1] + s * b[..., 0] + c * b[..., 1],
-            wrap(a[..., 2] + b[..., 2]),
-        ],
-        axis=-1,
-    )
+    (ax, ay, turn), (bx, by, more) = _parts(a), _parts(b)
+    c, s = np.cos(turn), np.sin(turn)
+    return _joined(ax + c * bx - s * by, ay + s * bx + c * by, turn + more)
 
 
 def inverse(a: ArrayLike) -> Pose:
     """The pose that undoes `a`."""
-    a = np.asarray(a, dtype=np.float64)
-    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack([-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], wrap(-a[..., 2])], axis=-1)
+    x, y, turn = _parts(a)
+    c, s = np.cos(turn), np.sin(turn)
+    return _joined(-c * x - s * y, s * x - c * y, -turn)
 
 
 def between(a: ArrayLike, b: ArrayLike) -> Pose:
@@ -71,3 +67,18 @@ def interpolate(stamps: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Pose:
         ],
         axis=-1,
     )
+
+
+def _parts(poses: ArrayLike) -> tuple[Any, Any, Any]:
+    """x, y, theta: numbers of one pose, arrays of many."""
+    poses = np.asarray(poses, dtype=np.float64)
+    if poses.shape == (3,):
+        x, y, theta = poses.tolist()
+        return x, y, theta
+    return poses[..., 0], poses[..., 1], poses[..., 2]
+
+
+def _joined(x: Any, y: Any, theta: Any) -> Pose:
+    """The inverse of `_parts`, theta wrapped."""
+    parts = x, y, (theta + np.pi) % (2 * np.pi) - np.pi
+    return np.array(parts) if np.ndim(x) == 0 else np.stack(parts, axis=-1)
