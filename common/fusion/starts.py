@@ -38,28 +38,35 @@ def told_by_starts(
     settings: FusionSettings,
 ) -> dict[Pair, Measurement]:
     """Transforms of pairs that look alike in several ways, or were not searched, where start poses tell which way is
-    meant."""
+    meant.
+
+    Where rooms are alike, what conflicts may be the wrong one of them: walls must then agree where start poses say.
+    """
     out: dict[Pair, Measurement] = {}
     for each in verdicts:
-        open_ = each.kind == "ambiguous" or (each.kind != "merged" and not each.searched)
+        open_ = each.kind in ("ambiguous", "conflict") or (each.kind != "merged" and not each.searched)
         if open_ and {each.a, each.b} <= starts.keys() & maps.keys():
-            found = meant(maps[each.a], maps[each.b], starts[each.a], starts[each.b], settings)
+            conflicts = each.kind == "conflict"
+            found = meant(maps[each.a], maps[each.b], starts[each.a], starts[each.b], settings, conflicts)
             if found is not None:
                 out[each.a, each.b] = found
     return out
 
 
 def meant(
-    a: MatchMap, b: MatchMap, start_a: ArrayLike, start_b: ArrayLike, settings: FusionSettings
+    a: MatchMap, b: MatchMap, start_a: ArrayLike, start_b: ArrayLike, settings: FusionSettings, strict: bool = False
 ) -> Measurement | None:
-    """Where b lies in a by walls and by start poses both, None when these do not tell."""
+    """Where b lies in a by walls and by start poses both, None when these do not tell.
+
+    `strict`: only where the walls would be merged if nothing else were alike.
+    """
     told = between(start_a, start_b)
     spread = _spread(np.asarray(start_a, np.float64), np.asarray(start_b, np.float64))
     if min(a.wall_m, b.wall_m) < settings.min_walls_m or a.resolution != b.resolution:
         return None
     found = settle(a, b, _places(told, spread, b), settings)
     found = [one for one in found if _squared(one.pose, told, spread) <= SIGMAS**2]
-    fitting = [one for one in found if judge_alone(one, settings)[0] == "merged"] or found[:1]
+    fitting = [one for one in found if judge_alone(one, settings)[0] == "merged"] or ([] if strict else found[:1])
     chosen = _chosen(fitting, told, spread, settings)
     if chosen is None:
         return None

@@ -5,8 +5,9 @@ import pytest
 from drawn_worlds import Counts, blank, mapped, symmetric_hall, wall
 
 from common.fusion.settings import FusionSettings
-from common.fusion.starts import meant
+from common.fusion.starts import meant, told_by_starts
 from common.geometry import between, compose
+from common.wire.edge import PairVerdict, VerdictKind
 
 SETTINGS = FusionSettings()
 A, B = np.array([2.0, 2.0, 0.3]), np.array([11.0, 8.0, 2.0])
@@ -27,6 +28,23 @@ def test_a_heading_off_by_degrees_is_found_right_across_the_hall(degrees: float)
     found = meant(a, b, A + np.array([0.1, -0.1, np.radians(degrees)]), B, SETTINGS)
     assert found is not None
     assert found.transform == pytest.approx(between(A, B), abs=0.02)
+
+
+def pair(kind: VerdictKind) -> PairVerdict:
+    return PairVerdict(a="a", b="b", kind=kind, versions=(1, 1), final=True, searched=True)
+
+
+def test_of_places_that_conflict_the_one_that_start_poses_mean_is_taken_if_it_does_not() -> None:
+    """The best placement that a search found may be of another room that looks alike."""
+    maps = {"a": mapped(symmetric_hall(), A, seed=1), "b": mapped(symmetric_hall(), B, seed=2)}
+    starts = {"a": A + np.array([0.1, -0.1, 0.05]), "b": B}
+    found = told_by_starts([pair("conflict")], maps, starts, SETTINGS)
+    assert found["a", "b"].transform == pytest.approx(between(A, B), abs=0.02)
+    changed = symmetric_hall()
+    wall(changed, 4, 3, 9, 3)
+    wall(changed, 4, 7, 9, 7)
+    maps["b"] = mapped(changed, B, seed=2)
+    assert told_by_starts([pair("conflict")], maps, starts, SETTINGS) == {}
 
 
 def test_start_poses_farther_off_than_they_can_be_tell_nothing() -> None:
