@@ -71,7 +71,7 @@ def test_a_foreign_corrupt_older_newer_or_otherwise_set_snapshot_is_refused_by_n
     for bad, what in (
         (b"graph" + data, "no snapshot"),
         (newer, "newer"),
-        (older, "format 2 is older than 3"),
+        (older, "format 3 is older than 4"),
         (bytes(flipped), "corrupt"),
         (data[:-1], "corrupt"),
     ):

@@ -82,6 +82,7 @@ def test_what_is_no_good_snapshot_is_refused_by_name_and_changes_nothing(snapsho
         "no snapshot": b"hello",
         "kernel 'gmapping'": sealed({**header, "kernel": "gmapping"}, body),
         "newer": sealed({**header, "version": header["version"] + 1}, body),
+        "older": sealed({**header, "version": header["version"] - 1}, body),
         "other settings": sealed({**header, "settings": "0" * 64}, body),
         "corrupt": bytes(flipped),
         "does not hold": sealed(header, b"no zstd"),

@@ -28,6 +28,13 @@ def test_slip_is_driven_at_the_usual_speed(way: float) -> None:
     assert driving(*steady, *slip, way)[1][-1] == pytest.approx(way)
 
 
+@pytest.mark.parametrize("dt", [0.025, 0.0999, 0.18], ids=["40 Hz", "10 Hz", "5.5 Hz"])
+def test_a_slip_of_a_second_is_not_how_fast_the_robot_goes_whatever_the_laser_s_rate(dt: float) -> None:
+    slip = round(0.9 / dt)
+    believed = driving(*[1.0] * round(4 / dt), *[2.0] * slip, dt=dt)[1][-slip:]
+    assert sum(believed) * dt == pytest.approx(slip * dt, abs=0.06)
+
+
 def test_a_sweep_within_a_slip_is_believed_as_little() -> None:
     wheels, _ = driving(*[1.0] * 8)
     assert wheels.believed(np.array([0.4, 0.0, 0.0]), DT) == pytest.approx(0.5)
@@ -66,6 +73,10 @@ def learned(*frames: tuple[float, float]) -> float:
 
 def test_the_scale_is_learned_though_odometry_is_noisy() -> None:
     assert learned((0.18, 0.19), (0.22, 0.19)) == pytest.approx(0.95, abs=3e-3)
+
+
+def test_the_scale_is_learned_from_steps_that_are_too_short_by_themselves() -> None:
+    assert learned(*[(0.008, 0.0076)] * 12) == pytest.approx(0.95, abs=0.01)
 
 
 def test_the_scale_is_not_learned_from_slip_nor_from_its_beginning_and_end() -> None:

@@ -26,6 +26,19 @@ def believed(information: NDArray[np.float64], scatter: float) -> NDArray[np.flo
     return np.asarray(shrink @ information @ shrink, np.float64)
 
 
+def owed(
+    seeming: NDArray[np.float64], trusted: NDArray[np.float64], weights: NDArray[np.float64], off: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The step (3,) from the best pose by what the points `seeming`ly know (3, 3) to that by what is `trusted` (3, 3).
+
+    The prior, of diagonal `weights` (3,), lies `off` (3,) from the pose that was found. That pose x solves
+    S (x - scan) + P (x - prior) = 0 with S what seems known and P the prior's information; with T, which is trusted, in
+    place of S another one does. Along a corridor T holds nothing, and the pose is what the prior says.
+    """
+    pull = weights * off
+    return np.asarray(np.linalg.solve(trusted + np.diag(weights), pull - trusted @ np.linalg.solve(seeming, pull)))
+
+
 def holds(scan: NDArray[np.float64], motion: NDArray[np.float64]) -> bool:
     """Does the information (3, 3) of a scan alone fix the position along `motion` (3,)?"""
     heading = np.array([np.cos(motion[2]) * motion[0] + np.sin(motion[2]) * motion[1],

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from services.edge_worker.slam.graph import GraphSlam
 
 KERNEL = "graph"
-VERSION = 4
+VERSION = 5
 MOST_BYTES = 1 << 30
 """of an unpacked body"""
 
@@ -111,6 +111,8 @@ def _checked(data: bytes, settings: GraphSettings) -> bytes:
         raise SnapshotRefused("graph: the snapshot is corrupt; take an older one, or start from the first frame")
     if version > VERSION:
         raise SnapshotRefused(f"graph: snapshot version {version} is newer than {VERSION}; upgrade this program")
+    if version < VERSION:
+        raise SnapshotRefused(f"graph: snapshot version {version} is older than {VERSION}; start from the first frame")
     if made_with != settings_hash(settings):
         raise SnapshotRefused("graph: the snapshot was made with other settings; restore it with those")
     return bytes(body)

@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.edge_worker.slam.certainty import believed
+from common.geometry import between, compose
+from services.edge_worker.slam.certainty import believed, owed
 from services.edge_worker.slam.scan import Points
 from services.edge_worker.slam.surfels import CELL, SurfelMap, faces
 
@@ -30,6 +31,8 @@ SCATTER = 0.003
 """rad^2, variance of the direction of a surfel's normal"""
 NOISE_M = 0.02
 """standard deviation of a point off its line: beam noise, and that neighbours err alike"""
+NOTHING = 1e-6 * np.eye(3)
+"""information that changes nothing and can be inverted"""
 
 
 class Sweep(NamedTuple):
@@ -94,7 +97,9 @@ def align(
     if len(sweep.times):
         cross, rest = hessian[:3, 3:], hessian[3:, 3:] + np.diag(spread[3:] ** -2.0)
         information = information - cross @ np.linalg.solve(rest, cross.T)
-    return Alignment(pose, believed(information, scatter), inliers, slip)
+    trusted = believed(information, scatter)
+    pose = compose(pose, owed(information + NOTHING, trusted, spread[:3] ** -2.0, between(pose, prior)))
+    return Alignment(pose, trusted, inliers, slip)
 
 
 @njit(cache=True)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from common.geometry import between, compose, interpolate, wrap
 from common.wire import Frame
-from services.edge_worker.slam.wheels import Wheels
+from services.edge_worker.slam.wheels import SPEED_BASE_S, Wheels
 
 Samples = NDArray[np.float64]
 
@@ -23,8 +23,6 @@ COVER_S = 0.25
 """samples this far from a time still cover it"""
 COAST_S = 0.6
 """a velocity says nothing about times further off than this"""
-SPEED_BASE_S = 0.1
-"""samples closer than this give no velocity: their stamps jitter"""
 MAX_SPEED = 3.0
 """m/s; what goes faster is a bunched stamp or an odometry that was reset"""
 MAX_TURN = 4.0
@@ -94,7 +92,7 @@ class DeadReckoning:
         reach = JUMP_M + MAX_SPEED * min(max(self.dt, 0.0), LONGEST_S)
         if measured and not np.hypot(motion[0], motion[1]) <= reach:
             motion, measured = self._coasted(), False
-        if measured and SPEED_BASE_S <= self.dt <= COAST_S:
+        if measured and 0.0 < self.dt <= COAST_S:
             motion[:2] *= self.wheels.watch(motion, self.dt)
         else:
             self.wheels.unwatched()

@@ -17,13 +17,15 @@ SCALE_MEMORY_M, SCALE_BASE_M = 200.0, 2.0
 SCALE_LIMIT = 0.25
 """share by which wheels can err in distance; more is slip, or a wrong match"""
 SCALE_STEP_M = 0.03
-"""shorter motion says nothing about the scale"""
+"""shorter motion says nothing about the scale: frames are taken together up to this"""
 LONGEST_STEP_M = 1.0
 """longer motion may be a reset"""
-SPEEDS, FEWEST_SPEEDS = 9, 5
-"""frames that tell the usual speed, at most and at least"""
+SPEED_BASE_S = 0.08
+"""s; a motion over less tells no speed, as stamps jitter: frames are taken together up to this"""
+USUAL_S, FEWEST_SPEEDS = 2.0, 5
+"""s over which speeds tell the usual one, and how many of them at least"""
 BUNCH = 3
-"""frames over which stamps that bunch make up for each other"""
+"""speeds over which stamps that bunch make up for each other"""
 SURGE_SHARE, SURGE_MPS = 1.5, 0.1
 """share of the usual speed, and m/s over that, beyond which wheels may be slipping"""
 ACCELERATION = 2.0
@@ -38,12 +40,16 @@ class Wheels:
         """metres driven per metre that odometry tells"""
         self.scale_m = 0.0
         """m of motion that the scale was learned from"""
+        self.learning = np.zeros(2)
+        """m by matching and by odometry of the latest frames: too few yet to tell a scale"""
         self.lesson = np.empty(0)
-        """(2,) scale by the latest frame, and m; not taken yet, as slip may just have begun; empty for none"""
+        """(2,) scale by the latest frames, and m; not taken yet, as slip may just have begun; empty for none"""
         self.calm = 0
         """frames since wheels surged"""
         self.steps = np.empty((0, 2))
         """(k, 2) of the latest frames: m ahead (behind: negative), and s"""
+        self.step = np.zeros(2)
+        """(2,) the same since the last one of them: too short yet to tell a speed"""
         self.surge = 0.0
         """m by which odometry told more than the usual speed in the latest frame: slip, as likely as not"""
         self.slipping = False
@@ -55,22 +61,24 @@ class Wheels:
 
     def watch(self, motion: NDArray[np.float64], dt: float) -> float:
         """Compare the next frame's motion (3,) over `dt` s with the usual speed; the share of it to be believed."""
-        step = _ahead(motion)
-        self.surge = self._excess(step, dt)
-        self.slipping = self.surge > 0.0 and self._sudden(step / dt)
-        self.steps = np.vstack([self.steps[1 - SPEEDS :], (step, dt)])
+        ahead = _ahead(motion)
+        self.step = self.step + np.array([ahead, dt])
+        self.surge = self._excess(ahead, dt) if self.slipping else 0.0
+        if self.step[1] >= SPEED_BASE_S:
+            self._judge(*self.step.tolist())
         self._take_lesson()
-        return 1.0 - self.surge / abs(step) if self.slipping else 1.0
+        return max(1.0 - self.surge / abs(ahead), 0.0) if self.slipping and ahead else 1.0
 
     def believed(self, motion: NDArray[np.float64], dt: float) -> float:
         """The share to be believed of a motion (3,) within a sweep of `dt` s, begun after the latest frame."""
         step = _ahead(motion)
         surge = self._excess(step, dt)
-        return 1.0 - surge / abs(step) if surge > 0.0 and self._sudden(step / dt) else 1.0
+        return 1.0 - surge / abs(step) if surge > 0.0 and (self.slipping or self._sudden(step / dt)) else 1.0
 
     def unwatched(self) -> None:
         """The next frame tells no speed: its motion was not measured, or its stamp is too near or too far."""
         self.surge, self.slipping = 0.0, False
+        self.step = np.zeros(2)
         self._take_lesson()
 
     def learn(self, motion: NDArray[np.float64], told: NDArray[np.float64]) -> None:
@@ -79,12 +87,17 @@ class Wheels:
         Frames next to a surge are left out: as slip begins and ends, a part of them is slip.
         """
         length = float(np.hypot(told[0], told[1]))
-        if self.calm < 2 or not SCALE_STEP_M <= length <= LONGEST_STEP_M:
+        if self.calm < 2 or not 0.0 < length <= LONGEST_STEP_M:
+            self.learning = np.zeros(2)
             return
-        matched, scaled = float(motion[:2] @ told[:2]) / length, length * self.scale
+        self.learning = self.learning + np.array([motion[:2] @ told[:2] / length, length])
+        matched, length = self.learning.tolist()
+        if length < SCALE_STEP_M:
+            return
         # Both are noisy: a limit to a share of only one of them would choose frames in which that one is large.
-        if abs(scaled - matched) <= SCALE_LIMIT * (scaled + matched) / 2:
+        if abs(length * self.scale - matched) <= SCALE_LIMIT * (length * self.scale + matched) / 2:
             self.lesson = np.array([matched / length, length])
+        self.learning = np.zeros(2)
 
     def state(self) -> dict[str, Any]:
         """Everything, as msgpack and arrays take it."""
@@ -97,6 +110,15 @@ class Wheels:
         for name in vars(self):
             setattr(self, name, state[name])
         return self
+
+    def _judge(self, ahead: float, seconds: float) -> None:
+        """Compare a motion that is long enough to tell a speed with the usual one."""
+        surge = self._excess(ahead, seconds)
+        self.surge = min(surge, self.surge) if self.slipping else surge
+        self.slipping = surge > 0.0 and (self.slipping or self._sudden(ahead / seconds))
+        self.steps = np.vstack([self.steps, (ahead, seconds)])
+        self.steps = self.steps[np.cumsum(self.steps[::-1, 1])[::-1] <= USUAL_S + seconds]
+        self.step = np.zeros(2)
 
     def _take_lesson(self) -> None:
         """Learn from the frame before, unless wheels surge by now."""
@@ -120,11 +142,10 @@ class Wheels:
         return max(float(np.cumsum(over[::-1]).min()), 0.0)
 
     def _sudden(self, speed: float) -> bool:
-        """Does a surging speed come of slip? Wheels that slip go on slipping; a robot that stood may have started."""
+        """Does a surging speed come of slip? A robot that stood may have started."""
         usual = float(np.median(self.steps[:, 0] / self.steps[:, 1]))
-        step, dt = self.steps[-1]
-        sudden = abs(speed - float(step / dt)) > ACCELERATION * float(dt)
-        return abs(usual) > SURGE_MPS and (self.slipping or sudden)
+        step, dt = self.steps[-1].tolist()
+        return abs(usual) > SURGE_MPS and abs(speed - step / dt) > ACCELERATION * dt
 
 
 def _ahead(motion: NDArray[np.float64]) -> float:

@@ -1,0 +1,47 @@
+"""What a scan seems to know of its pose and what may be believed of it."""
+
+import numpy as np
+import pytest
+
+from common.geometry import apply, between
+from services.edge_worker.slam.certainty import owed
+from services.edge_worker.slam.icp import align
+from services.edge_worker.slam.surfels import SurfelMap
+
+ORIGIN = np.zeros(3)
+
+
+def test_what_is_not_trusted_is_left_to_the_prior() -> None:
+    rng = np.random.default_rng(0)
+    rows = rng.normal(0, 1, (3, 3))
+    seeming, weights = rows.T @ rows + np.eye(3), np.array([4.0, 4.0, 9.0])
+    trusted = np.diag([0.0, 0.3, 0.5]) @ seeming @ np.diag([0.0, 0.3, 0.5])
+    scan, prior = rng.normal(0, 1, 3), rng.normal(0, 1, 3)
+
+    def best(information: np.ndarray) -> np.ndarray:
+        return np.linalg.solve(information + np.diag(weights), information @ scan + weights * prior)
+
+    found = best(seeming)
+    assert found + owed(seeming, trusted, weights, prior - found) == pytest.approx(best(trusted))
+    assert owed(seeming, seeming, weights, prior - found) == pytest.approx(ORIGIN)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_search_that_slid_along_a_corridor_does_not_move_the_robot(seed: int) -> None:
+    """Walls are rough, so that each place along them seems to hold a scan a little."""
+    rng = np.random.default_rng(seed)
+
+    def walls(low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+        x = np.tile(np.arange(low, high, 0.04), 2)
+        side = np.repeat([-1.0, 1.0], len(x) // 2)
+        astray = rng.normal(0.0, 0.05, len(x))
+        points = np.stack([x, side + rng.normal(0.0, 0.01, len(x))], axis=1)
+        return points.astype(np.float32), np.stack([np.sin(astray), -side * np.cos(astray)], 1).astype(np.float32)
+
+    corridor = SurfelMap(512)
+    corridor.insert(*walls(-8.0, 8.0), ORIGIN)
+    points, facing = walls(-4.0, 4.0)
+    slid, told = np.array([0.15, 0.0, 0.0]), ORIGIN
+    found = align(corridor, points, facing, slid, told, (0.1, 0.05))
+    assert np.abs(between(told, found.pose)[:2]) == pytest.approx([0.0, 0.0], abs=0.02)
+    assert np.abs(apply(found.pose, points)[:, 1]) == pytest.approx(np.ones(len(points)), abs=0.06)
