@@ -16,6 +16,9 @@ ROBUST_CHI2 = 6.0
 """squared error, in standard deviations, up to which a loop edge counts in full"""
 ANNEALING = 10.0
 """factor by which that limit falls to `ROBUST_CHI2` from the worst new loop's error"""
+REFUTED_CHI2 = 50.0
+"""squared error, in standard deviations, from which on a loop edge counts for less than a twentieth and is not believed
+"""
 CONVERGED = 5e-4
 """m or rad; smaller steps end the optimisation"""
 MAX_ITERATIONS = 40
@@ -69,6 +72,14 @@ class PoseGraph:
                 break
             limit = max(ROBUST_CHI2, limit / ANNEALING)
         return float(np.hypot(*(self.poses - before)[:, :2].T).max())
+
+    def drop_refuted(self, fresh: int) -> int:
+        """Drop those of the latest `fresh` loop edges that the rest still contradicts once optimised; how many."""
+        latest = np.flatnonzero(self.loops)[-fresh:]
+        gone = latest[self.chi2()[latest] > REFUTED_CHI2]
+        for name in ("pairs", "measured", "information", "loops"):
+            setattr(self, name, np.delete(getattr(self, name), gone, axis=0))
+        return len(gone)
 
     def chi2(self) -> NDArray[np.float64]:
         """Squared error (e,) of each edge in standard deviations."""

@@ -6,7 +6,7 @@ import numpy as np
 from graph_cases import driven, robot, run
 from numpy.typing import NDArray
 
-from common.geometry import between
+from common.geometry import between, compose
 from common.geometry.pose_graph import PoseGraph
 from services.edge_worker.slam.graph_settings import GraphSettings
 from services.edge_worker.slam.keyframe import Keyframe, normals
@@ -71,3 +71,18 @@ def test_keyframes_of_long_ago_are_seen_in_the_latest_submap_and_lie_where_they_
 
 def test_there_is_nothing_to_look_back_at_before_the_first_submap() -> None:
     assert LoopCloser(GraphSettings()).look_back(PoseGraph(), [corridor(6.0, 0)]) == []
+
+
+def test_a_loop_that_each_metre_between_its_ends_contradicts_leaves_no_trace() -> None:
+    """Rooms that look alike are not one room; a loop that is right stays."""
+    kernel = run(driven(scene="two_rooms")[:150])
+    kernel.finish()
+    before, edges = kernel.graph.poses.copy(), len(kernel.graph.pairs)
+    sure, last = np.diag([1e4, 1e4, 1e5]), len(before) - 1
+    wrong = compose(between(before[2], before[last]), (3.0, 0.0, 0.5))
+    kernel.graph.add_edge(2, last, wrong, sure, loop=True)
+    kernel.graph.add_edge(3, last - 1, between(before[3], before[last - 1]), sure, loop=True)
+    kernel.pending = 2
+    kernel.finish()
+    assert kernel.graph.pairs[edges:].tolist() == [[3, last - 1]]
+    assert np.abs(kernel.graph.poses - before)[:, :2].max() < 0.01

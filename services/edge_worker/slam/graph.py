@@ -155,8 +155,14 @@ class GraphSlam:
     def _correct(self, iterations: int) -> None:
         if not self.keyframes or not self.pending:
             return
-        relative = between(self.graph.poses[-1], self.pose)
+        relative, before = between(self.graph.poses[-1], self.pose), self.graph.poses
         self.graph.optimise(iterations, self.pending)
+        refuted = self.graph.drop_refuted(self.pending)
+        if refuted:
+            # Rooms alike, say, that were taken for one: what they had pulled at must come back as if they never were.
+            self.graph.poses = before
+            if refuted < self.pending:
+                self.graph.optimise(iterations, self.pending - refuted)
         self.pose = compose(self.graph.poses[-1], relative)
         self.tracker.rebuild(self.keyframes, self.graph.poses)
         self.closer.reshape(self.graph)
