@@ -17,8 +17,7 @@ ROBUST_CHI2 = 6.0
 ANNEALING = 10.0
 """factor by which that limit falls to `ROBUST_CHI2` from the worst new loop's error"""
 REFUTED_CHI2 = 50.0
-"""squared error, in standard deviations, from which on a loop edge counts for less than a twentieth and is not believed
-"""
+"""squared error, in standard deviations, beyond which a new loop counts for less than a twentieth: it is refuted"""
 CONVERGED = 5e-4
 """m or rad; smaller steps end the optimisation"""
 MAX_ITERATIONS = 40
