@@ -90,8 +90,7 @@ class PairTable:
     def told_by_starts(
         self, verdicts: Iterable[PairVerdict], starts: Mapping[str, ArrayLike]
     ) -> dict[Pair, Measurement]:
-        """Transforms of pairs that look alike in several ways, or were not searched, where start poses tell which way
-        is meant."""
+        """Transforms of undecided pairs where start poses tell which way is meant (see common.fusion.starts)."""
         maps = {robot: known.map for robot, known in self.known.items()}
         return told_by_starts(verdicts, maps, starts, self.settings)
 

@@ -37,17 +37,17 @@ def told_by_starts(
     starts: Mapping[str, ArrayLike],
     settings: FusionSettings,
 ) -> dict[Pair, Measurement]:
-    """Transforms of pairs that look alike in several ways, or were not searched, where start poses tell which way is
-    meant.
+    """Transforms of pairs that look alike in several ways, conflict, or were not searched, where start poses tell which
+    way is meant.
 
-    Where rooms are alike, what conflicts may be the wrong one of them: walls must then agree where start poses say.
+    What conflicts may be another room that looks alike; where start poses say, its walls must then agree.
     """
     out: dict[Pair, Measurement] = {}
     for each in verdicts:
         open_ = each.kind in ("ambiguous", "conflict") or (each.kind != "merged" and not each.searched)
         if open_ and {each.a, each.b} <= starts.keys() & maps.keys():
-            conflicts = each.kind == "conflict"
-            found = meant(maps[each.a], maps[each.b], starts[each.a], starts[each.b], settings, conflicts)
+            strict = each.kind == "conflict"
+            found = meant(maps[each.a], maps[each.b], starts[each.a], starts[each.b], settings, strict)
             if found is not None:
                 out[each.a, each.b] = found
     return out
@@ -66,7 +66,9 @@ def meant(
         return None
     found = settle(a, b, _places(told, spread, b), settings)
     found = [one for one in found if _squared(one.pose, told, spread) <= SIGMAS**2]
-    fitting = [one for one in found if judge_alone(one, settings)[0] == "merged"] or ([] if strict else found[:1])
+    fitting = [one for one in found if judge_alone(one, settings)[0] == "merged"]
+    if not fitting and not strict:
+        fitting = found[:1]
     chosen = _chosen(fitting, told, spread, settings)
     if chosen is None:
         return None

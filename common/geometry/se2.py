@@ -20,7 +20,7 @@ IDENTITY.setflags(write=False)
 
 def wrap(angle: ArrayLike) -> NDArray[np.float64]:
     """Angle(s) in radians, brought to [-pi, pi)."""
-    return np.asarray((np.asarray(angle, dtype=np.float64) + np.pi) % (2 * np.pi) - np.pi)
+    return np.asarray(_wrapped(np.asarray(angle, dtype=np.float64)))
 
 
 def compose(a: ArrayLike, b: ArrayLike) -> Pose:
@@ -80,5 +80,10 @@ def _parts(poses: ArrayLike) -> tuple[Any, Any, Any]:
 
 def _joined(x: Any, y: Any, theta: Any) -> Pose:
     """The inverse of `_parts`, theta wrapped."""
-    parts = x, y, (theta + np.pi) % (2 * np.pi) - np.pi
+    parts = x, y, _wrapped(theta)
     return np.array(parts) if np.ndim(x) == 0 else np.stack(parts, axis=-1)
+
+
+def _wrapped(angle: Any) -> Any:
+    """A number or an array of them, in radians, brought to [-pi, pi)."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -155,7 +155,7 @@ class GraphSlam:
     def _correct(self, iterations: int) -> None:
         if not self.keyframes or not self.pending:
             return
-        relative, before = between(self.graph.poses[-1], self.pose), self.graph.poses
+        relative, before = between(self.graph.poses[-1], self.pose), self.graph.poses.copy()
         self.graph.optimise(iterations, self.pending)
         refuted = self.graph.drop_refuted(self.pending)
         if refuted:

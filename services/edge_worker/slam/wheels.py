@@ -65,7 +65,7 @@ class Wheels:
         self.step = self.step + np.array([ahead, dt])
         self.surge = self._excess(ahead, dt) if self.slipping else 0.0
         if self.step[1] >= SPEED_BASE_S:
-            self._judge(*self.step.tolist())
+            self._judge()
         self._take_lesson()
         return max(1.0 - self.surge / abs(ahead), 0.0) if self.slipping and ahead else 1.0
 
@@ -76,7 +76,7 @@ class Wheels:
         return 1.0 - surge / abs(step) if surge > 0.0 and (self.slipping or self._sudden(step / dt)) else 1.0
 
     def unwatched(self) -> None:
-        """The next frame tells no speed: its motion was not measured, or its stamp is too near or too far."""
+        """The next frame tells no speed: its motion was not measured, or its stamp is no later, or much."""
         self.surge, self.slipping = 0.0, False
         self.step = np.zeros(2)
         self._take_lesson()
@@ -111,8 +111,14 @@ class Wheels:
             setattr(self, name, state[name])
         return self
 
-    def _judge(self, ahead: float, seconds: float) -> None:
-        """Compare a motion that is long enough to tell a speed with the usual one."""
+    @property
+    def _usual(self) -> float:
+        """m/s ahead (behind: negative)."""
+        return float(np.median(self.steps[:, 0] / self.steps[:, 1]))
+
+    def _judge(self) -> None:
+        """Compare the latest motion, long enough by now to tell a speed, with the usual one."""
+        ahead, seconds = self.step.tolist()
         surge = self._excess(ahead, seconds)
         self.surge = min(surge, self.surge) if self.slipping else surge
         self.slipping = surge > 0.0 and (self.slipping or self._sudden(ahead / seconds))
@@ -134,7 +140,7 @@ class Wheels:
         """m by which the next frame, and it together with those before it, surpass the usual speed."""
         if len(self.steps) < FEWEST_SPEEDS:
             return 0.0
-        usual = float(np.median(self.steps[:, 0] / self.steps[:, 1]))
+        usual = self._usual
         way = 1.0 if usual >= 0.0 else -1.0
         if step * way <= (SURGE_SHARE * abs(usual) + SURGE_MPS) * dt:
             return 0.0
@@ -143,9 +149,8 @@ class Wheels:
 
     def _sudden(self, speed: float) -> bool:
         """Does a surging speed come of slip? A robot that stood may have started."""
-        usual = float(np.median(self.steps[:, 0] / self.steps[:, 1]))
         step, dt = self.steps[-1].tolist()
-        return abs(usual) > SURGE_MPS and abs(speed - step / dt) > ACCELERATION * dt
+        return abs(speed - step / dt) > ACCELERATION * dt and abs(self._usual) > SURGE_MPS
 
 
 def _ahead(motion: NDArray[np.float64]) -> float:
