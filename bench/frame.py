@@ -22,6 +22,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.results import append
 from common.bus import Bus, keys
@@ -31,6 +32,7 @@ from common.errors import PeerError
 from common.fusion.matchmap import MatchMap
 from common.fusion.walls import SAME_WAY, STRAIGHT
 from common.grid import Grid
+from common.grid.grid import UNKNOWN
 from common.grid.tiles import decode_counts
 from common.wire import GlobalMapNotice, Transforms
 from services.cloud_merger.changes import changed
@@ -98,6 +100,7 @@ def fleet(options: argparse.Namespace) -> Fleet:
 
 
 Version = tuple[GlobalMapNotice, MatchMap]
+Indices = NDArray[np.int64]
 
 
 async def record(
@@ -154,26 +157,62 @@ def compare(before: Version, after: Version, reasons: dict[int, str]) -> Step:
     return Step(after[0].version, epochs, "; ".join(told), worst, still, len(moves))
 
 
-def patches(before: MatchMap, after: MatchMap) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """How far each patch of walls has moved (n,), m."""
-    walls = after.walls
-    cells = np.floor((walls.points - before.origin) / before.resolution).astype(np.int64)
-    inside = ((cells >= 0) & (cells < before.occupancy.shape[::-1])).all(axis=1)
-    old = np.full(len(cells), -1)
-    old[inside] = before.nearest.wall[cells[inside, 1], cells[inside, 0]]
-    chosen = np.flatnonzero((old >= 0) & (walls.straightness > STRAIGHT))
-    alike = np.abs((walls.normals[chosen] * before.walls.normals[old[chosen]]).sum(axis=1)) > SAME_WAY
-    chosen = chosen[alike & (before.walls.straightness[old[chosen]] > STRAIGHT)]
-    old = old[chosen]
-    across = before.walls.normals[old]
+def patches(before: MatchMap, after: MatchMap) -> NDArray[np.float64]:
+    """How far each patch of known walls has moved (n,), m: of walls that are nearest to each other, old and new."""
+    after = without_new(before, after)
+    old, new = mutual(before, after)
+    normals = before.walls.normals[old], after.walls.normals[new]
+    straight = (before.walls.straightness[old] > STRAIGHT) & (after.walls.straightness[new] > STRAIGHT)
+    chosen = straight & (np.abs((normals[0] * normals[1]).sum(axis=1)) > SAME_WAY)
+    old, new, across = old[chosen], new[chosen], normals[0][chosen]
     across = across * np.where(across @ (1.0, 0.01) < 0, -1.0, 1.0)[:, None]
-    steps = ((walls.points[chosen] - before.walls.points[old]) * across).sum(axis=1)
+    steps = ((after.walls.points[new] - before.walls.points[old]) * across).sum(axis=1)
     way = (np.floor(np.arctan2(across[:, 1], across[:, 0]) / (np.pi / 4) + 0.5)).astype(np.int64)
-    places = np.column_stack([np.floor(walls.points[chosen] / PATCH_M).astype(np.int64), way])
+    places = np.column_stack([np.floor(after.walls.points[new] / PATCH_M).astype(np.int64), way])
     _, patch = np.unique(places, axis=0, return_inverse=True)
     patch = patch.ravel()
     groups = [steps[patch == k] for k in range(int(patch.max(initial=-1)) + 1)]
     return np.array([abs(float(np.median(group))) for group in groups if len(group) >= MIN_WALLS])
+
+
+def without_new(before: MatchMap, after: MatchMap) -> MatchMap:
+    """The later map without walls that are seen for the first time.
+
+    The other face of a wall that stands where it stood draws the middle of both to itself, and nothing has moved. What
+    is new where nothing was known, and not what is left of a wall that stands there no more, is such a one.
+    """
+    _, moved = mutual(before, after)
+    (row, column), inside = cells_in(before, after)
+    fresh = np.ones(len(inside), np.bool_)
+    fresh[inside] = before.occupancy[row[inside], column[inside]] == UNKNOWN
+    fresh[moved] = False
+    kept = after.occupancy.copy()
+    kept[tuple(after.walls.cells[fresh].T)] = UNKNOWN
+    return MatchMap.of(kept, after.origin_cell, after.resolution)
+
+
+def mutual(before: MatchMap, after: MatchMap) -> tuple[Indices, Indices]:
+    """Pairs of walls (n,), (n,) of which none has a nearer one in the other map."""
+    old, gap = nearest(before, after)
+    _, back = nearest(after, before)
+    new = np.flatnonzero(old >= 0)
+    new = new[gap[new] <= back[old[new]] + 1e-9]
+    return old[new], new
+
+
+def nearest(map_: MatchMap, other: MatchMap) -> tuple[Indices, NDArray[np.float64]]:
+    """For each wall of the other map the nearest of this one (n,), -1 where none is in reach, and its distance, m."""
+    (row, column), inside = cells_in(map_, other)
+    found, gap = np.full(len(inside), -1), np.full(len(inside), np.inf)
+    found[inside] = map_.nearest.wall[row[inside], column[inside]]
+    gap[inside] = map_.nearest.distance(row[inside], column[inside])
+    return found, gap
+
+
+def cells_in(map_: MatchMap, other: MatchMap) -> tuple[Indices, NDArray[np.bool_]]:
+    """Where the other map's wall cells lie in this one: rows and columns (2, n), and which are inside (n,)."""
+    cells = other.walls.cells + np.subtract(other.origin_cell, map_.origin_cell)[::-1]
+    return cells.T, np.asarray(((cells >= 0) & (cells < map_.occupancy.shape)).all(axis=1))
 
 
 if __name__ == "__main__":
