@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.geometry import compose
+from common.geometry import between, compose
 from services.edge_worker.slam.certainty import holds, posterior, turned
 from services.edge_worker.slam.correlate import correlate
 from services.edge_worker.slam.graph_settings import GraphSettings
@@ -30,6 +30,8 @@ BETTER = 0.1
 """inlier share by which the wide match must be better to be believed"""
 MUCH_BETTER = 0.3
 """the same where it contradicts the odometry: a scan of new places agrees with more of the map where it is not"""
+SAME_PLACE = (0.1, 0.1, 0.01)
+"""m, m, rad: a wide match that ends nearer than this to the first one has found no other place"""
 WIDE_WINDOW = (1.0, 0.6, 0.03)
 WIDE_SIGMA = (0.5, 0.5)
 GUESS_M, GUESS_RAD = 0.4, 0.4
@@ -47,7 +49,7 @@ SWERVE = 0.05
 FLOOR = np.diag([0.005**2, 0.005**2, 0.002**2])
 """covariance that every matched motion has at least"""
 DOUBTFUL_FLOOR = np.diag([0.1**2, 0.1**2, 0.03**2])
-"""the same for a match with few inliers: another place may fit as well"""
+"""the same for a match with few inliers where another place fits about as well; else it only sees much that is new"""
 
 
 class Match(NamedTuple):
@@ -92,17 +94,19 @@ class Tracker:
             return lost
         guessed = scan.velocity is not None and bool(scan.times.any())
         query = Query(scan.points[kept], facing[kept], self._sweep(scan, kept, pose) if guessed else KNOWN)
-        found, sigma = self._align(query, predicted, window, prior), prior
+        found, sigma, unrivalled = self._align(query, predicted, window, prior), prior, False
         if found.inliers < GOOD_INLIERS:
             for k, motion in enumerate((scan.motion, *scan.alternatives)):
                 wide = self._align(query, compose(pose, motion), WIDE_WINDOW, WIDE_SIGMA)
                 if wide.inliers > found.inliers + (BETTER if k == 0 else MUCH_BETTER):
-                    found, sigma = wide, WIDE_SIGMA
+                    found, sigma, unrivalled = wide, WIDE_SIGMA, False
+                elif k == 0:
+                    unrivalled = bool((np.abs(between(found.pose, wide.pose)) < SAME_PLACE).all())
                 if found.inliers >= GOOD_INLIERS:
                     break
         if found.inliers < self.settings.min_inliers:
             return lost
-        floor = FLOOR if found.inliers >= GOOD_INLIERS else DOUBTFUL_FLOOR
+        floor = FLOOR if unrivalled or found.inliers >= GOOD_INLIERS else DOUBTFUL_FLOOR
         slip = found.slip if guessed and found.inliers >= GOOD_INLIERS else None
         covariance = posterior(found.information, sigma, slack)
         firm = found.inliers >= GOOD_INLIERS and holds(found.information, scan.motion)
