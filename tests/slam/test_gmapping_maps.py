@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 
-from services.edge_worker.slam import patch_state
 from services.edge_worker.slam.hill_climb import climb, fit, misfit, rotate, search
 from services.edge_worker.slam.patch_map import PatchMap
 from services.edge_worker.slam.patch_pool import (
@@ -190,7 +191,7 @@ def test_a_pool_that_is_mostly_free_shrinks_and_keeps_the_maps() -> None:
     maps = a_map(12, 9.0)
     for _ in range(6):
         maps.add(walls(rng), rng.normal(0, [2.0, 2.0, 1.0], (12, 3)))
-    twin = patch_state.restored(patch_state.state(maps), 12, RESOLUTION)
+    twin = deepcopy(maps)
     large, crowded = maps.pool.nbytes, maps.held
     maps.resample(np.zeros(12, int))
     assert maps.held * SHRINK < crowded
@@ -210,7 +211,7 @@ def test_a_grown_pool_holds_what_was_there_and_numbers_stay() -> None:
     rng = np.random.default_rng(10)
     maps = a_map(4)
     maps.add(walls(rng), rng.normal(0, [0.2, 0.2, 0.5], (4, 3)))
-    twin, table, size = patch_state.restored(patch_state.state(maps), 4, RESOLUTION), maps.table.copy(), maps.held
+    twin, table, size = deepcopy(maps), maps.table.copy(), maps.held
     maps.pool.grow()
     assert np.array_equal(maps.table, table)
     assert maps.held == size
@@ -219,41 +220,32 @@ def test_a_grown_pool_holds_what_was_there_and_numbers_stay() -> None:
     assert sorted([*fresh, *np.unique(table)]) == list(range(len(maps.pool.holders)))
 
 
-def test_a_restored_map_is_the_same_bit_for_bit_and_continues_like_the_original() -> None:
-    rng = np.random.default_rng(8)
-    maps = a_map(4)
-    poses = rng.normal(0, [0.2, 0.2, 0.1], (4, 3))
-    for _ in range(8):
-        maps.add(walls(rng), poses)
-    maps.resample(np.array([1, 1, 3, 3]))
-    both = np.array([[0.525, 0.525], [0.425, 0.525]], np.float32)  # equally near to the cell between them
-    maps.add(both, np.zeros((4, 3)))
-    told = patch_state.state(maps)
-    assert len(told["odd"]) > 0  # the one that came first stays the nearest: a search from scratch may find the other
-    twin = patch_state.restored(told, 4, RESOLUTION)
-    assert twin.held == maps.held
-    assert same_maps(twin, maps)
-    more = walls(rng)
-    for each in (maps, twin):
-        each.add(more, poses)
-        each.resample(np.array([0, 2, 2, 3]))
-    assert same_maps(twin, maps)
-    assert all(
-        np.array_equal(a, b)
-        for a, b in zip(patch_state.state(maps).values(), patch_state.state(twin).values(), strict=True)
-    )
+@pytest.mark.parametrize("first", [0, 1])
+def test_of_two_equally_near_centroids_the_same_one_counts_whichever_came_first(first: int) -> None:
+    both = np.array([[0.525, 0.525], [0.425, 0.525]], np.float32)  # to both sides of the cell between them
+    maps = a_map(1)
+    maps.add(both[[first, 1 - first]], np.zeros((1, 3)))
+    x, y = np.array([9, 10]) - maps.corner
+    assert dense(maps, 0)[2][y, x, 0] < 0
+    kept = dense(maps, 0)
+    maps.find_near()
+    assert all(np.array_equal(a, b) for a, b in zip(dense(maps, 0), kept, strict=True))
 
 
-def test_maps_that_are_not_all_there_are_not_restored() -> None:
-    maps = a_map(2)
-    maps.add(walls(np.random.default_rng(11)), np.array([[0.0, 0, 0], [0.5, 0, 0]]))
-    told = patch_state.state(maps)
-    for name, value in (
-        ("hits", told["hits"][:-1]),
-        ("mean", told["mean"][1:]),
-        ("codes", told["codes"][:, :1]),
-        ("codes", np.where(told["codes"] == 1, 0, told["codes"])),
-        ("places", told["places"] + 10**6),
-    ):
-        with pytest.raises(ValueError, match="maps"):
-            patch_state.restored({**told, name: value}, 2, RESOLUTION)
+@pytest.mark.parametrize("low", [0.0, -50.0])
+def test_where_a_hit_lies_in_its_cell_does_not_depend_on_how_far_the_table_reaches(low: float) -> None:
+    x = 3 * RESOLUTION
+    while x / RESOLUTION >= 3:
+        x = np.nextafter(x, 0)  # in the third cell, by so little that an offset of some cells would round it off
+    maps = PatchMap(1, RESOLUTION)
+    maps.cover(np.full(2, low), np.full(2, 1.0))
+    maps.add(np.zeros((1, 2), np.float32), np.array([[x, 0.02, 0.0]]))
+    hits, mean, _ = dense(maps, 0)
+    assert (np.argwhere(hits)[:, ::-1] + maps.corner == [[2, 0]]).all()
+    assert mean[hits > 0][0, 0] == 2**MEAN_BITS - 1
+
+
+def test_a_hit_off_the_table_is_refused_and_harms_nothing() -> None:
+    for where in (1e3, -1e3, np.nan):
+        with pytest.raises(ValueError, match="off the map"):
+            a_map(1).add(np.full((1, 2), where, np.float32), np.zeros((1, 3)))

@@ -61,6 +61,24 @@ def test_restored_at_twenty_points_the_final_map_is_the_same_bit_for_bit() -> No
         assert np.array_equal(kernel.trajectory(), rows)
 
 
+def test_a_snapshot_grows_by_the_trajectories_of_particles_not_by_their_maps() -> None:
+    frames = drive(60)
+    few, many = run(frames, particles=6), run(frames, particles=24)
+    assert many.maps.held > 3 * few.maps.held
+    assert len(many.snapshot()) < 1.3 * len(few.snapshot())
+
+
+def test_what_the_tree_has_settled_is_in_the_settled_map_and_nothing_else() -> None:
+    kernel = run(drive(90), lag_scans=12)
+    fixed = len(kernel.tree.settled)
+    points = sum(len(generation.points) for generation in kernel.tree.branches)
+    assert fixed > 12
+    assert len(kernel.snapshot()) < len(run(drive(90)).snapshot())
+    # a cell takes no more hits once its centroid stands
+    per_particle = kernel.maps.pool.hits[kernel.maps.table].sum(axis=(1, 2, 3), dtype=int)
+    assert (per_particle - kernel.settled.pool.hits[kernel.settled.table].sum(dtype=int) <= points).all()
+
+
 def test_a_foreign_corrupt_older_newer_or_otherwise_set_snapshot_is_refused_by_name() -> None:
     kernel = run(drive(10))
     data, digest = kernel.snapshot(), kernel.map().digest()
@@ -71,7 +89,7 @@ def test_a_foreign_corrupt_older_newer_or_otherwise_set_snapshot_is_refused_by_n
     for bad, what in (
         (b"graph" + data, "no snapshot"),
         (newer, "newer"),
-        (older, "format 3 is older than 4"),
+        (older, "format 4 is older than 5"),
         (bytes(flipped), "corrupt"),
         (data[:-1], "corrupt"),
     ):

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from common.geometry import between, compose, wrap
 from common.grid import Grid
 from common.wire import Frame
-from services.edge_worker.slam import gmapping_settings, gmapping_snapshot
+from services.edge_worker.slam import gmapping_settings, gmapping_snapshot, patch_state
 from services.edge_worker.slam.corrections import Corrections
 from services.edge_worker.slam.gmapping_settings import GMappingSettings
 from services.edge_worker.slam.kernel import Estimate
@@ -43,9 +43,11 @@ class GMapping:
         n = settings.particles
         self.reader = ScanReader(settings.range_m, settings.clear_m)
         self.maps = PatchMap(n, settings.resolution_m)
+        self.settled = PatchMap(1, settings.resolution_m)
+        """the hits of the scans that the tree has settled, as all particles have them; only a snapshot needs it"""
         self.matcher = ParticleMatcher(settings, self.maps)
         self.tree = ParticleTree()
-        self.tree.append(Generation(np.zeros((n, 3)), np.arange(n), NO_POINTS, NO_POINTS, np.zeros(2)))
+        self.tree.append(Generation(np.zeros((n, 3)), np.zeros(n, np.int64), NO_POINTS, NO_POINTS, np.zeros(2)))
         self.chart = ParticleChart(settings.resolution_m)
         self.track = ParticleTrack()
         self.log_weights = np.zeros(n)
@@ -197,8 +199,9 @@ class GMapping:
         self._cover(scan, poses, 0.0)
         self.maps.add(scan.points, poses)
         self.tree.append(Generation(poses, parents, scan.points, scan.silent, scan.laser))
-        if not np.array_equal(parents, np.arange(n)):
-            self.chart.settle(self.tree.settle())
+        fixed = self.tree.settle()
+        self.chart.settle(fixed)
+        patch_state.settle(self.settled, fixed)
         self.track.close(self.since, self.way)
         self.since, self.way, self.spread = np.zeros(3), 0.0, np.zeros(3)
 

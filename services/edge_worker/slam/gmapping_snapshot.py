@@ -2,7 +2,7 @@
 
 Larger arrays are packed one by one, bytes of equal weight side by side and then zstd: numbers next to each other differ
 in their low bytes only, and no second copy of everything is ever in memory. The random numbers need no state: each
-registered scan draws from a stream numbered by seed and scan (Philox).
+registered scan draws from a stream numbered by seed and scan (Philox). The particles' maps are not in it (patch_state).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from services.edge_worker.slam.gmapping import GMapping
 
 MAGIC = b"RecSLAM gmapping"
-FORMAT = 4
+FORMAT = 5
 HEAD_BYTES = len(MAGIC) + 2 + hashlib.sha256().digest_size
 EXT_PLANES = 2
 SMALL = 512
@@ -45,7 +45,9 @@ def write(kernel: GMapping) -> bytes:
         "settings": kernel.settings.model_dump(),
         "seed": str(kernel.seed),
         "reader": kernel.reader.state(),
-        "maps": patch_state.state(kernel.maps),
+        "settled": patch_state.state(kernel.settled),
+        "corner": kernel.maps.corner,
+        "shape": list(kernel.maps.table.shape[1:]),
         "tree": _tree_out(kernel.tree),
         "chart": _chart_out(kernel.chart),
         "track": kernel.track.state(),
@@ -66,15 +68,17 @@ def read(data: bytes, kernel: GMapping) -> None:
         state = msgpack.unpackb(body, ext_hook=_array_in, strict_map_key=False)
         if state["settings"] != kernel.settings.model_dump():
             raise SnapshotRefused(f"gmapping: the snapshot was made with other settings: {_differing(state, kernel)}")
-        maps = patch_state.restored(state["maps"], kernel.settings.particles, kernel.settings.resolution_m)
         tree, track = _tree_in(state["tree"]), ParticleTrack.of(state["track"])
         chart = _chart_in(state["chart"], kernel.settings.resolution_m)
+        settled, copy = (patch_state.restored(state["settled"], kernel.settings.resolution_m) for _ in range(2))
+        maps = patch_state.replayed(copy, tree.branches, state["corner"], state["shape"], kernel.settings.particles)
         arrays = {name: state[name].copy() for name in ("log_weights", "evidence", "since", "spread")}
         seed, way, reader = int(state["seed"]), float(state["way"]), state["reader"]
-    except (KeyError, TypeError, ValueError, AttributeError, zstandard.ZstdError, BadMessage) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, zstandard.ZstdError, BadMessage) as error:
         raise SnapshotRefused(f"gmapping: the snapshot does not hold what this program needs: {error!r}") from error
     kernel.reader.restore(reader)
     vars(kernel.maps).update(vars(maps))  # the matcher holds them
+    kernel.settled = settled
     kernel.seed, kernel.way = seed, way
     kernel.tree, kernel.track = tree, track
     vars(kernel.chart.grid).update(vars(chart.grid))  # whoever holds the grid keeps holding it

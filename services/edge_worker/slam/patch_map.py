@@ -10,20 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.edge_worker.slam.patch_pool import (
-    CENTRE,
-    COARSER,
-    FAR,
-    LOW,
-    MEAN_BITS,
-    MOST_HITS,
-    NEAR_BITS,
-    NONE,
-    SHIFT,
-    SIDE,
-    PatchPool,
-    own,
-)
+from services.edge_worker.slam.patch_near import find_all, update_near
+from services.edge_worker.slam.patch_pool import COARSER, LOW, MEAN_BITS, MOST_HITS, NONE, SHIFT, SIDE, PatchPool, own
 
 BLOCK = 16
 """cells; the table grows in steps of so many"""
@@ -62,10 +50,14 @@ class PatchMap:
             ends = np.where(last >= old + size_now, last + MARGIN, old + size_now - 1)
         start = np.where(first < old, first - MARGIN, old)
         width, height = (ends - start + 1) * BLOCK // SIDE
+        self.lay_out(start * BLOCK, height, width)
+
+    def lay_out(self, corner: NDArray[np.int64], height: int, width: int) -> None:
+        """Make the table so large, with cell `corner` as its origin; it must have room for what the table holds."""
         table = np.full((len(self.table), height, width), NONE, np.int32)
-        (x, y), (height, width) = (old - start) * BLOCK // SIDE, self.table.shape[1:]
+        (x, y), (height, width) = (self.corner - corner) // SIDE, self.table.shape[1:]
         table[:, y : y + height, x : x + width] = self.table
-        self.table, self.corner = table, start * BLOCK
+        self.table, self.corner = table, corner
 
     def to_table(self, metres: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points (..., 2) of the map frame in table units."""
@@ -75,18 +67,24 @@ class PatchMap:
         """The inverse of `to_table`."""
         return (cells + self.corner) * self.resolution_m
 
-    def add(self, points: NDArray[np.float32], poses: NDArray[np.float64]) -> None:
-        """Count hits at `points` (k, 2) metres, base frame, in each particle's map at its pose (n, 3); all covered."""
-        cells = points.astype(np.float64) / self.resolution_m
-        bases = np.concatenate([self.to_table(poses[:, :2]), poses[:, 2:]], axis=1)
-        pool = self.pool
+    def add(self, points: NDArray[np.float32], poses: NDArray[np.float64], nearest: bool = True) -> None:
+        """Count hits at `points` (k, 2) metres, base frame, in each particle's map at its pose (n, 3); all covered.
+
+        With `nearest` false, `near` is left for `find_near`. Raises ValueError when a hit lies off the table.
+        """
+        cells, bases = (
+            points.astype(np.float64) / self.resolution_m,
+            poses / [self.resolution_m, self.resolution_m, 1.0],
+        )
         done, todo = 0, len(points) * len(poses)
         while done < todo:
-            done = add_scan(
-                cells, bases, done, self.table, pool.mean, pool.near, pool.hits, pool.holders, pool.free, pool.spare
-            )
+            done = add_scan(cells, bases, done, nearest, self.corner, self.table, *self.pool.arrays)
             if done < todo:
-                pool.grow()
+                self.pool.grow()
+
+    def find_near(self) -> None:
+        """Find all nearest centroids anew."""
+        find_all(self.table, *self.pool.arrays[:3])
 
     def resample(self, parents: NDArray[np.int64]) -> None:
         """Particle i takes over the map of particle `parents[i]`; patches that nobody holds any more are freed."""
@@ -94,36 +92,42 @@ class PatchMap:
 
 
 @njit(cache=True)
-def add_scan(points, poses, start, tables, mean, near, hits, holders, free, spare):  # type: ignore[no-untyped-def]
-    """Count `points` (k, 2) at the poses (n, 3) of n particles, in cells, from pair number `start` on.
+def add_scan(points, poses, start, nearest, corner, tables, mean, near, hits, holders, free, spare):  # type: ignore[no-untyped-def]
+    """Count `points` (k, 2) at the poses (n, 3) of n particles, in cells of the map frame, from pair `start` on.
 
     Pair p is point p % k of particle p // k. Returns how many pairs are done, fewer than n * k when the pool ran out.
+    Where a hit lies in its cell does not depend on the table's corner, so that the same hits give the same map however
+    the table grew.
     """
     k = len(points)
-    for pair in range(start, k * len(poses)):
-        if spare[0] < 4:  # the 3 x 3 cells around a hit lie in at most four patches
-            return pair
-        particle, row = pair // k, pair % k
+    height, width = tables.shape[1] * SIDE, tables.shape[2] * SIDE
+    for particle in range(start // k, len(poses)):
         table = tables[particle]
-        c, s = np.cos(poses[particle, 2]), np.sin(poses[particle, 2])
-        u = poses[particle, 0] + c * points[row, 0] - s * points[row, 1]
-        v = poses[particle, 1] + s * points[row, 0] + c * points[row, 1]
-        i, j = int(u), int(v)
-        number, cell = table[j >> SHIFT, i >> SHIFT], (j & LOW) * SIDE + (i & LOW)
-        if hits[number, cell] >= MOST_HITS:
-            continue
-        for py in range((j - 1) >> SHIFT, ((j + 1) >> SHIFT) + 1):
-            for px in range((i - 1) >> SHIFT, ((i + 1) >> SHIFT) + 1):
-                own(py, px, table, mean, near, hits, holders, free, spare)
-        number = table[j >> SHIFT, i >> SHIFT]
-        hits[number, cell] += 1
-        old_x, old_y = mean[number, cell, 0], mean[number, cell, 1]
-        new_x, new_y = follow(old_x, u - i, hits[number, cell]), follow(old_y, v - j, hits[number, cell])
-        mean[number, cell, 0], mean[number, cell, 1] = new_x, new_y
-        if hits[number, cell] == 1 or new_x >> COARSER != old_x >> COARSER or new_y >> COARSER != old_y >> COARSER:
-            for y in range(j - 1, j + 2):
-                for x in range(i - 1, i + 2):
-                    update_near(x, y, i, j, table, mean, near, hits)
+        x, y, c, s = poses[particle, 0], poses[particle, 1], np.cos(poses[particle, 2]), np.sin(poses[particle, 2])
+        for row in range(max(start - particle * k, 0), k):
+            if spare[0] < 4:  # the 3 x 3 cells around a hit lie in at most four patches
+                return particle * k + row
+            u, v = x + c * points[row, 0] - s * points[row, 1], y + s * points[row, 0] + c * points[row, 1]
+            left, below = np.floor(u), np.floor(v)
+            i, j = int(left) - corner[0], int(below) - corner[1]
+            if not (0 < i < width - 1 and 0 < j < height - 1):
+                raise ValueError("a hit lies off the map")
+            number, cell = table[j >> SHIFT, i >> SHIFT], (j & LOW) * SIDE + (i & LOW)
+            if hits[number, cell] >= MOST_HITS:
+                continue
+            for py in range((j - 1) >> SHIFT, ((j + 1) >> SHIFT) + 1):
+                for px in range((i - 1) >> SHIFT, ((i + 1) >> SHIFT) + 1):
+                    own(py, px, table, mean, near, hits, holders, free, spare)
+            number = table[j >> SHIFT, i >> SHIFT]
+            hits[number, cell] += 1
+            old_x, old_y = mean[number, cell, 0], mean[number, cell, 1]
+            new_x, new_y = follow(old_x, u - left, hits[number, cell]), follow(old_y, v - below, hits[number, cell])
+            mean[number, cell, 0], mean[number, cell, 1] = new_x, new_y
+            first = hits[number, cell] == 1
+            if nearest and (first or new_x >> COARSER != old_x >> COARSER or new_y >> COARSER != old_y >> COARSER):
+                for b in range(j - 1, j + 2):
+                    for a in range(i - 1, i + 2):
+                        update_near(a, b, i, j, table, mean, near, hits)
     return k * len(poses)
 
 
@@ -133,38 +137,3 @@ def follow(mean, value, count):  # type: ignore[no-untyped-def]
     before = float(mean)
     after = before + (value * (1 << MEAN_BITS) - before) / count
     return np.uint16(min(after + 0.5, 65535.0))
-
-
-@njit(cache=True, inline="always")
-def update_near(x, y, i, j, table, mean, near, hits):  # type: ignore[no-untyped-def]
-    """The centroid of cell (i, j) has moved: bring `near` of cell (x, y) beside it up to date."""
-    at, cell = table[j >> SHIFT, i >> SHIFT], (j & LOW) * SIDE + (i & LOW)
-    dx = ((i - x) << NEAR_BITS) + (int(mean[at, cell, 0]) >> COARSER)
-    dy = ((j - y) << NEAR_BITS) + (int(mean[at, cell, 1]) >> COARSER)
-    number, here = table[y >> SHIFT, x >> SHIFT], (y & LOW) * SIDE + (x & LOW)
-    old_x, old_y = int(near[number, here, 0]), int(near[number, here, 1])
-    if off_centre(dx, dy) < off_centre(old_x, old_y):
-        near[number, here, 0], near[number, here, 1] = dx, dy
-    elif old_x >> NEAR_BITS == i - x and old_y >> NEAR_BITS == j - y:
-        find_near(x, y, table, mean, near, hits)  # it was the nearest and has moved off: another may be nearer now
-
-
-@njit(cache=True, inline="always")
-def off_centre(dx, dy):  # type: ignore[no-untyped-def]
-    return (dx - CENTRE) * (dx - CENTRE) + (dy - CENTRE) * (dy - CENTRE)
-
-
-@njit(cache=True)
-def find_near(x, y, table, mean, near, hits):  # type: ignore[no-untyped-def]
-    """Set `near` of cell (x, y): the centroid within the 3 x 3 cells around that is nearest to the cell's centre."""
-    best_x, best_y = int(FAR), int(FAR)
-    for j in range(y - 1, y + 2):
-        for i in range(x - 1, x + 2):
-            number, cell = table[j >> SHIFT, i >> SHIFT], (j & LOW) * SIDE + (i & LOW)
-            if hits[number, cell] > 0:
-                dx = ((i - x) << NEAR_BITS) + (int(mean[number, cell, 0]) >> COARSER)
-                dy = ((j - y) << NEAR_BITS) + (int(mean[number, cell, 1]) >> COARSER)
-                if off_centre(dx, dy) < off_centre(best_x, best_y):
-                    best_x, best_y = dx, dy
-    number, cell = table[y >> SHIFT, x >> SHIFT], (y & LOW) * SIDE + (x & LOW)
-    near[number, cell, 0], near[number, cell, 1] = best_x, best_y

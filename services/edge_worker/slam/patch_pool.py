@@ -42,7 +42,7 @@ class PatchPool:
 
     mean (patches, CELLS, 2) uint16: centroid of a cell's hits from the cell's corner, in 2^-16 cells.
     near (patches, CELLS, 2) int16: nearest centroid of the 3 x 3 cells around, from this cell's corner, in 2^-7 cells;
-    "nearest" to the cell's centre.
+    "nearest" to the cell's centre (see patch_near).
     hits (patches, CELLS) uint8; holders (patches,) int32: how many tables point to a patch.
     What a patch without holders contains means nothing.
     """
@@ -64,6 +64,11 @@ class PatchPool:
     def nbytes(self) -> int:
         """Most memory that the pool takes at its size."""
         return self.mean.nbytes + self.near.nbytes + self.hits.nbytes + self.holders.nbytes + self.free.nbytes
+
+    @property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """mean, near, hits, holders, free and spare, as compiled code takes them."""
+        return self.mean, self.near, self.hits, self.holders, self.free, self.spare
 
     def grow(self) -> None:
         """Double the pool; patch numbers stay."""
