@@ -47,6 +47,11 @@ def holds(scan: NDArray[np.float64], motion: NDArray[np.float64]) -> bool:
     return bool(heading @ variance @ heading < FIRM_M**2 * (heading @ heading))
 
 
+def heading_variance(scan: NDArray[np.float64]) -> float:
+    """Variance (rad^2) of the heading by the information (3, 3) of a scan alone."""
+    return float(np.linalg.inv(scan + np.diag([1.0, 1.0, 1.0]))[2, 2])
+
+
 def posterior(scan: NDArray[np.float64], sigma: tuple[float, float], slack: NDArray[np.float64]) -> NDArray[np.float64]:
     """What a scan's information (3, 3) leaves of what dead reckoning adds to `slack` (3, 3)."""
     prior = slack + np.diag([sigma[0] ** 2, sigma[0] ** 2, sigma[1] ** 2])

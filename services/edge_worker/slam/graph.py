@@ -80,7 +80,7 @@ class GraphSlam:
             return Estimate(self.pose.copy(), len(scan.points) >= self.settings.min_points)
         match = self.tracker.match(scan, self.pose, self.slack)
         self.slack = match.covariance
-        self.reader.learn(between(self.pose, match.pose), match.matched, match.firm)
+        self.reader.learn(between(self.pose, match.pose), match.matched, match.firm, match.heading_sigma)
         self.pose = match.pose
         if match.slip is not None:
             self.reader.slipped(match.slip)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from services.edge_worker.slam.graph import GraphSlam
 
 KERNEL = "graph"
-VERSION = 5
+VERSION = 6
 MOST_BYTES = 1 << 30
 """of an unpacked body"""
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from common.geometry import between, compose, interpolate, wrap
 from common.wire import Frame
+from services.edge_worker.slam.gyro import Gyro
 from services.edge_worker.slam.wheels import SPEED_BASE_S, Wheels
 
 Samples = NDArray[np.float64]
@@ -33,12 +34,10 @@ LONGEST_S = 60.0
 """s; no gap between frames excuses more motion than this one"""
 HISTORY = 8
 """frames over which odometry may have stalled and then catches up"""
-BIAS_MEMORY_S = 20.0
-"""the gyro's bias follows the matched rotation with this time constant"""
+HEADING_SIGMA = 0.005
+"""rad, of a match that does not say how well it knows the heading"""
 GYRO_LIMIT = 35.0
 """rad/s, what the usual ones can say; more is nonsense"""
-BIAS_LIMIT = 0.2
-"""rad/s; more is no bias but a wrong match"""
 
 
 class DeadReckoning:
@@ -51,10 +50,7 @@ class DeadReckoning:
         self.imu = NO_SAMPLES
         self.velocity = np.zeros(3)
         """m/s, m/s, rad/s in the base frame, from the matched motion"""
-        self.bias = 0.0
-        """rad/s"""
-        self.bias_age = 0.0
-        """s of motion that the bias was learned from"""
+        self.gyro = Gyro()
         self.wheels = Wheels()
         self.firm = False
         """the latest frame's match held it along its motion"""
@@ -81,7 +77,7 @@ class DeadReckoning:
             self.odometry = self.imu = NO_SAMPLES
         start = now if before is None else min(before, now)
         self.odometry = _extend(self.odometry, frame.odometry, start)
-        self.imu = _extend(self.imu, frame.imu, start)
+        self.imu = _extend(self.imu, _sane(frame.imu), start)
         self.stamp, self.dt = now, (0.0 if before is None else now - before)
         self.at = _pose_at(self.odometry, now)
         self._gyro_yaw = None
@@ -97,17 +93,20 @@ class DeadReckoning:
         else:
             self.wheels.unwatched()
         if self.dt > 0.0 and _covers(self.imu, before, now):
-            yaw = self._yaw(before, now)
-            if abs(yaw) <= GYRO_LIMIT * self.dt:
-                self._gyro_yaw = yaw
-                motion = compose(np.array([0.0, 0.0, (yaw - motion[2]) / 2]), motion)
-                motion[2] = wrap(yaw)
+            yaw = self._gyro_yaw = self.gyro.turned(self.imu, before, now)
+            motion = compose(np.array([0.0, 0.0, (yaw - motion[2]) / 2]), motion)
+            motion[2] = wrap(yaw)
         return motion, measured
 
     @property
     def turn_measured(self) -> bool:
         """A gyro measured the rotation since the frame before."""
         return self._gyro_yaw is not None
+
+    @property
+    def turn_sigma(self) -> float:
+        """Standard deviation of that, rad."""
+        return self.gyro.sigma(self._gyro_yaw or 0.0, max(self.dt, 0.0))
 
     def within(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Poses (k, 3) of the base at `times` (k,) seconds near the last stamp, in the base at that stamp."""
@@ -123,7 +122,7 @@ class DeadReckoning:
         else:
             poses = np.clip(times - self.stamp, -COAST_S, COAST_S)[:, None] * self.velocity
         if self._gyro_yaw is not None:
-            poses[:, 2] = [self._yaw(self.stamp, time) for time in times]
+            poses[:, 2] = [self.gyro.turned(self.imu, self.stamp, time) for time in times]
         near = np.hypot(poses[:, 0], poses[:, 1]) <= JUMP_M + MAX_SPEED * np.abs(times - self.stamp)
         return poses if near.all() else np.zeros_like(poses)
 
@@ -137,10 +136,16 @@ class DeadReckoning:
             others.append(between(travelled, self.wheels.scaled(between(self.history[0, :3], self.at))))
         return np.array(others).reshape(-1, 3)
 
-    def learn(self, motion: NDArray[np.float64], matched: bool = True, firm: bool = False) -> None:
+    def learn(
+        self,
+        motion: NDArray[np.float64],
+        matched: bool = True,
+        firm: bool = False,
+        heading_sigma: float = HEADING_SIGMA,
+    ) -> None:
         """Tell the motion (3,) since the frame before that was settled on: by matching, or for want of a match.
 
-        `firm`: the match held the robot along its motion, not odometry.
+        `firm`: the match held the robot along its motion, not odometry; `heading_sigma` rad: how well it held heading.
         """
         if firm and self.firm and self._was_at is not None and self.at is not None:
             self.wheels.learn(motion, between(self._was_at, self.at))
@@ -152,12 +157,8 @@ class DeadReckoning:
         if self.dt <= 0.0:
             return
         self._take(motion / self.dt if matched and self.dt <= 2 * COAST_S else np.zeros(3))
-        if self._gyro_yaw is None:
-            return
-        error = float(wrap(self._gyro_yaw - motion[2])) / self.dt
-        self.bias_age = min(self.bias_age + self.dt, BIAS_MEMORY_S)
-        gain = min(self.dt / max(self.bias_age, 1.0), 1.0)
-        self.bias = float(np.clip(self.bias + gain * error, -BIAS_LIMIT, BIAS_LIMIT))
+        if self._gyro_yaw is not None and matched:
+            self.gyro.learn(float(wrap(self._gyro_yaw - motion[2])), self.dt, heading_sigma)
 
     def slipped(self, slip: NDArray[np.float64]) -> None:
         """Correct the velocity, after `learn`, by what matching found that it was off by during the sweep."""
@@ -175,15 +176,14 @@ class DeadReckoning:
             "odometry": self.odometry,
             "imu": self.imu,
             "velocity": self.velocity,
-            "bias": self.bias,
-            "bias_age": self.bias_age,
+            "gyro": self.gyro.state(),
         }
 
     @classmethod
     def of(cls, state: dict[str, Any]) -> DeadReckoning:
         """The inverse of `state`."""
         self = cls()
-        self.stamp, self.bias, self.bias_age = state["stamp"], state["bias"], state["bias_age"]
+        self.stamp, self.gyro = state["stamp"], Gyro.of(state["gyro"])
         self.wheels, self.firm = Wheels.of(state["wheels"]), state["firm"]
         self.at, self.history = state["at"], state["history"]
         self.odometry, self.imu, self.velocity = state["odometry"], state["imu"], state["velocity"]
@@ -198,14 +198,10 @@ class DeadReckoning:
         """The motion (3,) since the frame before if the velocity went on; none across a pause."""
         return self.velocity * self.dt if 0.0 < self.dt <= COAST_S else np.zeros(3)
 
-    def _yaw(self, start: float, end: float) -> float:
-        """The gyro's rotation from `start` to `end`, bias taken off, rad."""
-        stamps, rates = self.imu[:, 0], self.imu[:, 1]
-        low, high = min(start, end), max(start, end)
-        inner = stamps[(stamps > low) & (stamps < high)]
-        knots = np.concatenate([[low], inner, [high]])
-        area = float(np.trapezoid(np.interp(knots, stamps, rates) - self.bias, knots))
-        return area if end >= start else -area
+
+def _sane(imu: Samples | None) -> Samples | None:
+    """Samples whose rate a gyro can have."""
+    return imu if imu is None else imu[np.abs(imu[:, 1]) <= GYRO_LIMIT]
 
 
 def _extend(old: Samples, new: Samples | None, start: float) -> Samples:

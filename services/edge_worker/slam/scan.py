@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from common.wire import Frame, LaserScan
-from services.edge_worker.slam.motion import DeadReckoning
+from services.edge_worker.slam.motion import HEADING_SIGMA, DeadReckoning
 
 Points = NDArray[np.float32]
 
@@ -36,6 +36,8 @@ class Scan:
     """m by which odometry told more than the usual speed"""
     turn_measured: bool = False
     """a gyro measured the rotation"""
+    turn_sigma: float = 0.0
+    """rad, standard deviation of that"""
     dt: float = 0.0
     """s since the frame before"""
     velocity: NDArray[np.float64] | None = None
@@ -73,6 +75,7 @@ class ScanReader:
             measured,
             reckoning.wheels.surge,
             reckoning.turn_measured,
+            reckoning.turn_sigma,
             reckoning.dt,
             None if measured else reckoning.guessed,
             reckoning.alternatives(),
@@ -97,12 +100,19 @@ class ScanReader:
         taken = (start + scan.time_increment * beams).astype(np.float32)
         return replace(read, points=ends, beams=beams, times=taken, silent=silent, laser=laser)
 
-    def learn(self, motion: NDArray[np.float64], matched: bool = True, firm: bool = False) -> None:
+    def learn(
+        self,
+        motion: NDArray[np.float64],
+        matched: bool = True,
+        firm: bool = False,
+        heading_sigma: float = HEADING_SIGMA,
+    ) -> None:
         """Tell the motion (3,) since the frame before that was settled on, in that frame's base; for every frame.
 
-        `matched`: by matching the scan, not for want of a match; `firm`: the match held the robot along its motion.
+        `matched`: by matching the scan, not for want of a match; `firm`: the match held the robot along its motion;
+        `heading_sigma`: standard deviation of the heading by the scan alone, rad.
         """
-        self.reckoning.learn(motion, matched, firm)
+        self.reckoning.learn(motion, matched, firm, heading_sigma)
 
     def slipped(self, slip: NDArray[np.float64]) -> None:
         """Tell what a guessed velocity was off by in the sweep just read: (3,) m/s, m/s, rad/s."""

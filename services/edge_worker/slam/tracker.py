@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import between, compose
-from services.edge_worker.slam.certainty import holds, posterior, turned
+from services.edge_worker.slam.certainty import heading_variance, holds, posterior, turned
 from services.edge_worker.slam.correlate import correlate
 from services.edge_worker.slam.graph_settings import GraphSettings
 from services.edge_worker.slam.icp import KNOWN, Alignment, Sweep, align
@@ -44,6 +44,8 @@ SHORTEST_S, LONGEST_S = 0.02, 0.6
 """s between scans that tell a velocity"""
 STILL_SIGMA = (0.01, 0.005)
 """m, rad of measured motion, however short"""
+GYRO_SIGMA = 0.001
+"""rad of any rotation that a gyro measured"""
 SWERVE = 0.05
 """rad per metre, standard deviation of odometry's heading: turns that cancel out between two scans err all the same"""
 FLOOR = np.diag([0.005**2, 0.005**2, 0.002**2])
@@ -64,6 +66,8 @@ class Match(NamedTuple):
     """(3,) what a guessed velocity was off by during the sweep, m/s, m/s, rad/s; None where it was not guessed"""
     firm: bool = False
     """the scan alone says how far the robot went"""
+    heading_sigma: float = np.inf
+    """rad, standard deviation of the heading by the scan alone"""
 
 
 class Query(NamedTuple):
@@ -110,7 +114,8 @@ class Tracker:
         slip = found.slip if guessed and found.inliers >= GOOD_INLIERS else None
         covariance = posterior(found.information, sigma, slack)
         firm = found.inliers >= GOOD_INLIERS and holds(found.information, scan.motion)
-        return Match(found.pose, True, covariance, floor, slip, firm)
+        heading_sigma = float(np.sqrt(heading_variance(found.information) + FLOOR[2, 2]))
+        return Match(found.pose, True, covariance, floor, slip, firm, heading_sigma)
 
     def _sweep(self, scan: Scan, kept: NDArray[np.int64], pose: NDArray[np.float64]) -> Sweep:
         """How the motion in this sweep was guessed."""
@@ -129,8 +134,10 @@ class Tracker:
             reach = min(0.1 + 0.2 * moved + scan.surge, GUESS_M)
             sigma_m = STILL_SIGMA[0] + share * moved + scan.surge
         turn, sigma_rad = GUESS_RAD, GUESS_SIGMA[1]
-        if scan.measured or scan.turn_measured:
-            swerve = 0.0 if scan.turn_measured else SWERVE * moved
+        if scan.turn_measured:
+            turn, sigma_rad = min(0.05 + 0.2 * turned, GUESS_RAD), GYRO_SIGMA + scan.turn_sigma
+        elif scan.measured:
+            swerve = SWERVE * moved
             turn, sigma_rad = min(0.05 + 0.2 * turned + 2 * swerve, GUESS_RAD), STILL_SIGMA[1] + share * turned + swerve
         return (reach, turn, TURN_STEP), (sigma_m, sigma_rad)
 
