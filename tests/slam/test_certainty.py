@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from common.geometry import apply, between
-from services.edge_worker.slam.certainty import owed
+from common.geometry import apply, between, compose
+from services.edge_worker.slam.certainty import carried, owed
 from services.edge_worker.slam.icp import align
 from services.edge_worker.slam.surfels import SurfelMap
 
@@ -45,3 +45,12 @@ def test_a_search_that_slid_along_a_corridor_does_not_move_the_robot(seed: int) 
     found = align(corridor, points, facing, slid, told, (0.1, 0.05))
     assert np.abs(between(told, found.pose)[:2]) == pytest.approx([0.0, 0.0], abs=0.02)
     assert np.abs(apply(found.pose, points)[:, 1]) == pytest.approx(np.ones(len(points)), abs=0.06)
+
+
+def test_what_is_known_of_a_pose_is_known_of_what_lies_fast_to_it() -> None:
+    rng = np.random.default_rng(1)
+    rows = rng.normal(0, 1, (3, 3))
+    information, pose, step = rows.T @ rows, np.array([2.0, -1.0, 0.8]), 1e-6 * rng.normal(0, 1, 3)
+    there = carried(information, pose)
+    back = compose(compose(pose, step), between(pose, ORIGIN))
+    assert step @ there @ step == pytest.approx(back @ information @ back, rel=1e-4)

@@ -13,9 +13,9 @@ from common.geometry.pose_graph import PoseGraph, linearise, squared_errors
 from services.edge_worker.slam.branch_and_bound import COARSE, LEVELS, pyramid, search
 from services.edge_worker.slam.certainty import believed
 from services.edge_worker.slam.correlate import STEP, correlate
+from services.edge_worker.slam.holders import move
 from services.edge_worker.slam.icp import align, nearest
 from services.edge_worker.slam.keyframe import normals, thin
-from services.edge_worker.slam.loop_closer import move
 from services.edge_worker.slam.submap import evidence, overlay, within
 from services.edge_worker.slam.surfels import CELL, FINE, SPLAT, SurfelMap
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from common.geometry import between, compose
 from common.geometry.pose_graph import PoseGraph
 from services.edge_worker.slam.graph_settings import GraphSettings
+from services.edge_worker.slam.holders import Query
 from services.edge_worker.slam.keyframe import Keyframe, normals
 from services.edge_worker.slam.loop_closer import LoopCloser
 from services.edge_worker.slam.submap import Submap, Target
@@ -35,9 +36,9 @@ def looked(end_m: float | None, slid: NDArray[np.float64], guess: NDArray[np.flo
     ends = [None if end_m is None else end_m - 0.3 * k for k in range(8)]
     submap = Submap(0, tuple(range(8)), np.array([[0.3 * k, 0.0, 0.0] for k in range(8)]))
     keyframes = [corridor(end, seed) for seed, end in enumerate(ends)]
-    query = corridor(None if end_m is None else end_m - 1.0, 99)
-    closer = LoopCloser(GraphSettings())
-    loop = closer._judged(Target(submap, keyframes), submap, 8, query.points, query.normals, guess, slid)
+    keyframes.append(corridor(None if end_m is None else end_m - 1.0, 99))
+    query = Query.of(range(8, 9), np.zeros((1, 3)), keyframes, 0.1, 400)
+    loop = LoopCloser(GraphSettings())._judged(Target(submap, keyframes), submap, query, guess, slid)
     assert loop is not None
     pose = between(between(submap.poses[loop.anchor], np.zeros(3)), loop.measured)
     return pose, loop.information
@@ -54,6 +55,46 @@ def test_a_loop_at_the_end_of_a_corridor_corrects_along_it() -> None:
     pose, information = looked(6.0, np.array([1.05, 0.02, 0.005]), np.array([1.5, 0.3, 0.05]))
     assert np.abs(pose - (1.0, 0.0, 0.0)).max() < 0.02
     assert np.linalg.inv(information)[0, 0] < 0.05**2
+
+
+def test_a_loop_is_told_of_the_keyframe_that_saw_the_end_of_the_corridor_not_of_one_that_slipped_on_after_it() -> None:
+    """The query's last keyframe, which sees no end, is 0.3 m further on by odometry than it is."""
+    members, slip = [0.3 * k for k in range(8)], 0.3
+    keyframes = [corridor(6.0 - at, seed) for seed, at in enumerate(members)]
+    keyframes += [corridor(6.0 - 0.6, 98), corridor(None, 99)]
+    submap = Submap(0, tuple(range(8)), np.array([[at, 0.0, 0.0] for at in members]))
+    query = Query.of(range(8, 10), np.array([[-0.6 - slip, 0.0, 0.0], [0.0, 0.0, 0.0]]), keyframes, 0.1, 400)
+    here = np.array([1.2 + slip, 0.0, 0.0])
+    loop = LoopCloser(GraphSettings())._judged(Target(submap, keyframes), submap, query, here, here)
+    assert loop is not None
+    assert (loop.keyframe, loop.latest) == (8, 9)
+    assert np.abs(compose(submap.poses[loop.anchor], loop.measured) - (0.6, 0.0, 0.0)).max() < 0.02
+    assert loop.firm
+
+
+def test_a_loop_is_told_of_the_member_that_saw_the_end_of_the_corridor_not_of_a_nearer_one_that_slipped() -> None:
+    """The later half of the submap sees no end, and is 0.3 m further on by odometry than it is."""
+    members, slip = np.array([0.3 * k for k in range(8)]), 0.3
+    keyframes = [corridor(6.0 - at if k < 4 else None, k) for k, at in enumerate(members)]
+    keyframes.append(corridor(6.0 - 1.8, 99))
+    told = np.where(members < 1.0, members, members + slip)
+    submap = Submap(0, tuple(range(8)), np.stack([told, np.zeros(8), np.zeros(8)], axis=1))
+    query = Query.of(range(8, 9), np.zeros((1, 3)), keyframes, 0.1, 400)
+    here = np.array([1.8, 0.0, 0.0])
+    loop = LoopCloser(GraphSettings())._judged(Target(submap, keyframes), submap, query, here, here)
+    assert loop is not None
+    assert np.abs(loop.measured - (1.8 - members[loop.anchor], 0.0, 0.0)).max() < 0.02
+    assert loop.firm
+
+
+def test_a_loop_is_told_of_the_nearest_member_where_walls_hold_all_alike() -> None:
+    keyframes = [corridor(6.0 - 0.3 * k, k) for k in range(8)] + [corridor(6.0 - 1.2, 99)]
+    submap = Submap(0, tuple(range(8)), np.array([[0.3 * k, 0.0, 0.0] for k in range(8)]))
+    query = Query.of(range(8, 9), np.zeros((1, 3)), keyframes, 0.1, 400)
+    here = np.array([1.2, 0.0, 0.0])
+    loop = LoopCloser(GraphSettings())._judged(Target(submap, keyframes), submap, query, here, here)
+    assert loop is not None
+    assert loop.anchor == 4
 
 
 def test_keyframes_of_long_ago_are_seen_in_the_latest_submap_and_lie_where_they_did() -> None:

@@ -63,3 +63,10 @@ def turned(covariance: NDArray[np.float64], angle: float) -> NDArray[np.float64]
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     return turn @ covariance @ turn.T
+
+
+def carried(information: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What information (3, 3) of a frame, in that frame, says of another one that lies fast at `pose` (3,) in it."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    lever = np.array([[c, -s, pose[1]], [s, c, -pose[0]], [0.0, 0.0, 1.0]])
+    return lever.T @ information @ lever

@@ -50,7 +50,7 @@ def write(kernel: GraphSlam) -> bytes:
         "views": _views_out([*(frame.views[:-1] for frame in kernel.keyframes), kernel.views]),
         "submaps": [[s.anchor, list(s.members), s.poses] for s in closer.submaps],
         "tried": closer.tried,
-        "waiting": [[w.anchor, w.keyframe, w.measured, w.information, *w.correction] for w in closer.waiting],
+        "waiting": [[w.anchor, w.keyframe, w.latest, w.measured, w.information, *w.correction] for w in closer.waiting],
         "travelled": closer.travelled,
         "torn": closer.torn,
     }
@@ -78,7 +78,7 @@ def read(data: bytes, kernel: GraphSlam) -> None:
             raise ValueError(f"{len(keyframes)} keyframes, {len(graph.poses)} poses")
         closer.submaps = [Submap(anchor, tuple(members), poses) for anchor, members, poses in state["submaps"]]
         closer.tried, closer.travelled, closer.torn = state["tried"], state["travelled"], state["torn"]
-        closer.waiting = [Loop(a, k, z, i, (m, r)) for a, k, z, i, m, r in state["waiting"]]
+        closer.waiting = [Loop(a, k, n, z, i, (m, r)) for a, k, n, z, i, m, r in state["waiting"]]
         tracker, track = Tracker(kernel.settings), Trajectory.of(state["track"])
         tracker.first = state["first"]
         tracker.rebuild(keyframes, graph.poses)

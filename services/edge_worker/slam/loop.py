@@ -17,7 +17,7 @@ FIRM_M = 0.1
 AGREE_M, AGREE_RAD, AGREE_SHARE = 0.1, 0.025, 0.01
 """how well two loops must agree: m, rad, and m per metre travelled between them"""
 APART_KEYFRAMES = 4
-"""loops agree only if their keyframes are at least this far apart"""
+"""loops agree only if they were found by queries at least this far apart"""
 
 
 @dataclass(frozen=True)
@@ -25,14 +25,17 @@ class Loop:
     """A keyframe seen from another one, of long ago."""
 
     anchor: int
-    """the keyframe of the submap that is nearest"""
+    """the keyframe of the submap that holds it"""
     keyframe: int
+    """the keyframe of the query that holds it"""
+    latest: int
+    """the latest keyframe of the query"""
     measured: NDArray[np.float64]
     """(3,) pose of the keyframe in the anchor's frame"""
     information: NDArray[np.float64]
     """(3, 3) in the keyframe's frame"""
     correction: tuple[float, float]
-    """m and rad by which it would move the keyframe"""
+    """m and rad by which it would move the query"""
 
     @property
     def firm(self) -> bool:
@@ -47,7 +50,7 @@ class Loop:
 
 def consistent(graph: PoseGraph, a: Loop, b: Loop) -> bool:
     """Do two loops from keyframes apart say the same? They close a cycle with dead reckoning on both sides."""
-    if abs(b.keyframe - a.keyframe) < APART_KEYFRAMES:
+    if abs(b.latest - a.latest) < APART_KEYFRAMES:
         return False
     poses = graph.poses
     there = compose(between(poses[a.anchor], poses[b.anchor]), b.measured)

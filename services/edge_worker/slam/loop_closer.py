@@ -10,15 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from common.geometry import between, compose
 from common.geometry.pose_graph import PoseGraph
 from services.edge_worker.slam.branch_and_bound import search
+from services.edge_worker.slam.certainty import carried
 from services.edge_worker.slam.graph_settings import GraphSettings
+from services.edge_worker.slam.holders import Query, holders
 from services.edge_worker.slam.icp import Alignment, align
-from services.edge_worker.slam.keyframe import Keyframe, thin
+from services.edge_worker.slam.keyframe import Keyframe
 from services.edge_worker.slam.loop import SMALL_M, Loop, consistent
 from services.edge_worker.slam.scan import Points
 from services.edge_worker.slam.submap import Submap, Target, TargetCache, evidence
@@ -111,7 +112,12 @@ class LoopCloser:
             tried.append(int(number[heir[last]]) if last >= 0 else -1)
         self.submaps, self.tried, self.torn = submaps, tried, int(number[heir[self.torn]])
         self.waiting = [
-            replace(loop, anchor=int(number[loop.anchor]), keyframe=int(number[loop.keyframe]))
+            replace(
+                loop,
+                anchor=int(number[loop.anchor]),
+                keyframe=int(number[loop.keyframe]),
+                latest=int(number[heir[loop.latest]]),
+            )
             for loop in self.waiting
             if heir[loop.anchor] == loop.anchor and heir[loop.keyframe] == loop.keyframe
         ]
@@ -158,13 +164,13 @@ class LoopCloser:
 
     def _match(self, graph: PoseGraph, keyframes: list[Keyframe], newest: int, number: int) -> Loop | None:
         submap = self.submaps[number]
-        points, normals = self._query(graph, keyframes, newest)
-        if len(points) < self.settings.min_points * 2:
+        query = self._query(graph, keyframes, newest)
+        if len(query.points) < self.settings.min_points * 2:
             return None
         target = self.cache.get(number, submap, keyframes)
         guess = between(graph.poses[submap.anchor], graph.poses[newest])
-        found = self._place(target, points, guess)
-        return None if found is None else self._judged(target, submap, newest, points, normals, guess, found)
+        found = self._place(target, query.points, guess)
+        return None if found is None else self._judged(target, submap, query, guess, found)
 
     def look_back(self, graph: PoseGraph, keyframes: list[Keyframe]) -> list[Loop]:
         """A loop the other way round: one keyframe of long ago, of those around, seen in the latest submap."""
@@ -177,43 +183,42 @@ class LoopCloser:
         if not len(around):
             return []
         k = int(around[newest % len(around)])
-        frame = keyframes[k]
-        kept = thin(frame.points, frame.normals, frame.laser, BACK_SPACING, MATCH_POINTS)
-        if len(kept) < self.settings.min_points * 2:
+        query = Query.of(range(k, k + 1), np.zeros((1, 3)), keyframes, BACK_SPACING, MATCH_POINTS)
+        if len(query.points) < self.settings.min_points * 2:
             return []
         target = self.cache.get(number, submap, keyframes)
         guess = between(graph.poses[submap.anchor], graph.poses[k])
-        loop = self._judged(target, submap, k, frame.points[kept], frame.normals[kept], guess, guess)
+        loop = self._judged(target, submap, query, guess, guess)
         return [loop] if loop is not None and loop.correction[0] <= BACK_M and loop.small else []
 
     def _judged(
         self,
         target: Target,
         submap: Submap,
-        keyframe: int,
-        points: Points,
-        normals: Points,
+        query: Query,
         guess: NDArray[np.float64],
         start: NDArray[np.float64],
     ) -> Loop | None:
-        """The loop that a keyframe's points (n, 2) make with a submap, refined from the pose `start` (3,) in it."""
-        alignment = align(target.surfels, points, normals, start, start, FREE_SIGMA, scatter=SCATTER)
-        agree, conflict = evidence(target.seen, points, alignment.pose)
-        known = agree + conflict
-        inliers = alignment.inliers * len(points) / max(known, 1)
-        if known < MIN_OVERLAP * len(points) or conflict > MAX_CONFLICT * known:
+        """The loop that a query makes with a submap, refined from the pose `start` (3,) in it."""
+        alignment = align(target.surfels, query.points, query.normals, start, start, FREE_SIGMA, scatter=SCATTER)
+        agree, conflict = evidence(target.seen, query.points, alignment.pose)
+        known, size = agree + conflict, len(query.points)
+        inliers = alignment.inliers * size / max(known, 1)
+        if known < MIN_OVERLAP * size or conflict > MAX_CONFLICT * known:
             return None
         if inliers < self.settings.loop_inliers:
             return None
-        pose = self._reckoned(alignment, guess)
-        information = np.linalg.inv(np.linalg.inv(alignment.information + NOTHING) + FLOOR)
+        information = alignment.information + NOTHING
+        covariance = np.asarray(np.linalg.inv(information), np.float64)
+        latest, nearest = holders(target, submap, query, alignment.pose, covariance, SCATTER)
+        pose, there = self._reckoned(alignment, guess), query.poses[latest]
         off = between(guess, pose)
-        nearest = int(np.argmin(np.hypot(*(submap.poses - pose)[:, :2].T)))
         return Loop(
             submap.members[nearest],
-            keyframe,
-            between(submap.poses[nearest], pose),
-            information,
+            query.keyframes[latest],
+            query.keyframes[-1],
+            between(submap.poses[nearest], compose(pose, there)),
+            np.linalg.inv(np.linalg.inv(carried(information, there)) + FLOOR),
             (float(np.hypot(off[0], off[1])), abs(float(off[2]))),
         )
 
@@ -226,20 +231,11 @@ class LoopCloser:
         off = between(alignment.pose, guess)
         return compose(alignment.pose, np.linalg.solve(alignment.information + prior, prior @ off))
 
-    def _query(self, graph: PoseGraph, keyframes: list[Keyframe], newest: int) -> tuple[Points, Points]:
-        """Points and normals (n, 2) of the latest keyframes in the frame of the newest."""
-        points, normals = [], []
-        for k in range(max(newest - QUERY_KEYFRAMES + 1, self.torn), newest + 1):
-            frame = keyframes[k]
-            kept = thin(frame.points, frame.normals, frame.laser, QUERY_SPACING, MATCH_POINTS)
-            pose = between(graph.poses[newest], graph.poses[k])
-            points.append(move(frame.points[kept], pose))
-            normals.append(move(frame.normals[kept], np.array([0.0, 0.0, pose[2]])))
-        joined, facing = np.concatenate(points), np.concatenate(normals)
-        if len(joined) > MATCH_POINTS:
-            chosen = np.arange(MATCH_POINTS) * len(joined) // MATCH_POINTS
-            joined, facing = joined[chosen], facing[chosen]
-        return joined, facing
+    def _query(self, graph: PoseGraph, keyframes: list[Keyframe], newest: int) -> Query:
+        """The latest keyframes in the frame of the newest."""
+        numbers = range(max(newest - QUERY_KEYFRAMES + 1, self.torn), newest + 1)
+        poses = between(graph.poses[newest], graph.poses[numbers.start : numbers.stop])
+        return Query.of(numbers, poses, keyframes, QUERY_SPACING, MATCH_POINTS)
 
     def _place(self, target: Target, points: Points, guess: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """The lattice pose that fits best, if it is good and nothing else is about as good."""
@@ -271,14 +267,3 @@ class LoopCloser:
         """Begin anew to count the drift, if a loop holds the robot in all directions: a corridor's does not."""
         if any(loop.firm for loop in loops):
             self.travelled = 0.0
-
-
-@njit(cache=True)
-def move(points: Points, pose: NDArray[np.float64]) -> Points:
-    """Points (n, 2) of the frame of `pose` (3,) in the frame that it is given in."""
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    out = np.empty_like(points)
-    for k in range(len(points)):
-        out[k, 0] = pose[0] + c * points[k, 0] - s * points[k, 1]
-        out[k, 1] = pose[1] + s * points[k, 0] + c * points[k, 1]
-    return out

@@ -13,7 +13,7 @@ from services.edge_worker.slam.branch_and_bound import COARSE, pyramid
 from services.edge_worker.slam.keyframe import Keyframe
 from services.edge_worker.slam.raycast import NOWHERE, trace
 from services.edge_worker.slam.scan import Points
-from services.edge_worker.slam.surfels import SurfelMap
+from services.edge_worker.slam.surfels import CELL, SurfelMap, faces
 
 SIZE = 512
 """cells of a target's torus each way"""
@@ -40,15 +40,23 @@ class Target:
         self.surfels = SurfelMap(SIZE)
         self.seen = np.zeros((SIZE, SIZE), np.uint8)
         """per coarse cell of the torus: 0 unknown, 1 passed by beams, 2 hit"""
-        for member, pose in zip(submap.members, submap.poses, strict=True):
+        hits = []
+        for number, (member, pose) in enumerate(zip(submap.members, submap.poses, strict=True)):
             frame = keyframes[member]
             near = within(frame.points, pose, REACH)
             points = np.ascontiguousarray(frame.points[near])
             if len(points):
-                self.surfels.insert(points, np.ascontiguousarray(frame.normals[near]), pose)
+                normals = np.ascontiguousarray(frame.normals[near])
+                self.surfels.insert(points, normals, pose)
+                slot = slots(self.surfels.index, self.surfels.sums, self.surfels.chain, points, normals, pose)
+                hits.append((slot, number))
                 patch, x0, y0 = trace(pose, points, frame.silent[:0], frame.laser, COARSE, NOWHERE)
                 overlay(self.seen, patch, x0, y0)
         self.levels = pyramid(self.surfels.field)
+        self.seers = np.zeros((self.surfels.count, len(submap.members)), np.bool_)
+        """(surfels, members) which members saw which surfel"""
+        for slot, number in hits:
+            self.seers[slot, number] = True
 
 
 class TargetCache:
@@ -83,6 +91,34 @@ def within(points: Points, pose: NDArray[np.float64], reach: float) -> NDArray[n
         y = pose[1] + s * points[k, 0] + c * points[k, 1]
         out[k] = abs(x) < reach and abs(y) < reach
     return out
+
+
+@njit(cache=True)
+def slots(
+    index: NDArray[np.int32],
+    sums: NDArray[np.float64],
+    chain: NDArray[np.int32],
+    points: Points,
+    normals: Points,
+    pose: NDArray[np.float64],
+) -> NDArray[np.int64]:
+    """The surfels that points (n, 2) with normals (n, 2), of the frame of `pose` (3,), were inserted into."""
+    mask, count = len(index) - 1, 0
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    out = np.empty(len(points), np.int64)
+    for k in range(len(points)):
+        nx, ny = c * normals[k, 0] - s * normals[k, 1], s * normals[k, 0] + c * normals[k, 1]
+        if nx == 0.0 and ny == 0.0:
+            continue
+        i = int(np.floor((pose[0] + c * points[k, 0] - s * points[k, 1]) / CELL))
+        j = int(np.floor((pose[1] + s * points[k, 0] + c * points[k, 1]) / CELL))
+        slot = index[j & mask, i & mask]
+        while slot >= 0 and not faces(sums, slot, nx, ny):
+            slot = chain[slot]
+        if slot >= 0:
+            out[count] = slot
+            count += 1
+    return out[:count]
 
 
 @njit(cache=True)
