@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from services.edge_worker.slam.graph import GraphSlam
 
 KERNEL = "graph"
-VERSION = 6
+VERSION = 7
 MOST_BYTES = 1 << 30
 """of an unpacked body"""
 
