@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from common.geometry import apply, between, compose
-from services.edge_worker.slam.certainty import carried, owed
+from services.edge_worker.slam.certainty import believed, carried, heading_variance, owed
 from services.edge_worker.slam.icp import align
 from services.edge_worker.slam.surfels import SurfelMap
 
@@ -24,6 +24,24 @@ def test_what_is_not_trusted_is_left_to_the_prior() -> None:
     found = best(seeming)
     assert found + owed(seeming, trusted, weights, prior - found) == pytest.approx(best(trusted))
     assert owed(seeming, seeming, weights, prior - found) == pytest.approx(ORIGIN)
+
+
+@pytest.mark.parametrize("away_m", [0.5, 3.0, 10.0])
+@pytest.mark.parametrize("scatter", [0.003, 0.03])
+def test_a_heading_is_known_by_the_length_of_a_wall_however_far_ahead_it_stands(away_m: float, scatter: float) -> None:
+    """A wall of 0.6 m beside the way, whose place is known, but the robot's only as far as its heading is."""
+    rng = np.random.default_rng(0)
+    along = np.tile(np.arange(-0.3, 0.3, 0.02), 10)
+    astray = rng.normal(0.0, scatter**0.5, len(along))
+    x, y = away_m + along, 1.5
+    normals = np.sin(astray), -np.cos(astray)
+    rows = np.stack([*normals, x * normals[1] - y * normals[0]], axis=1) / 0.02
+    trusted = believed(rows.T @ rows, scatter)
+    expected = 0.02**2 / np.square(along).sum()
+    assert heading_variance(trusted) == pytest.approx(expected, rel=0.4)
+    at_wall = carried(trusted, np.array([away_m, y, 0.0]))
+    assert np.linalg.inv(at_wall + 1e-6 * np.eye(3))[1, 1] < 3 * 0.02**2 / len(along)
+    assert np.linalg.inv(trusted + 1e-4 * np.eye(3))[0, 0] > 0.1**2
 
 
 @pytest.mark.parametrize("seed", range(4))

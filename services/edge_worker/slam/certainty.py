@@ -7,23 +7,27 @@ from numpy.typing import NDArray
 
 FIRM_M = 0.02
 """standard deviation along the motion of a scan that tells how far the robot went"""
+TINY = 1e-12
 
 
 def believed(information: NDArray[np.float64], scatter: float) -> NDArray[np.float64]:
     """Information (3, 3) of a pose less what it owes to the scatter of normals.
 
     Normals are fitted to noisy points, and seem to hold the pose along a straight wall: with a variance v of their
-    direction, v of what all points say goes astray to the direction across. This much is taken off the two
-    directions in which the position is known, once the heading is taken as free. What such a direction seems to say
-    of the heading goes with it: far points would turn their scatter into a heading that depends on the place.
+    direction, v of what all points say goes astray to the direction across. This much is taken off both directions in
+    which the place of the walls is known. The robot may be far from them: how well it knows its own place depends on
+    its heading then, and that is known as well, or as badly, as before.
     """
     position, cross, heading = information[:2, :2], information[:2, 2], information[2, 2]
-    known, axes = np.linalg.eigh(position - np.outer(cross, cross) / max(heading, 1e-12))
-    astray = np.clip(scatter * np.trace(position), 0.0, np.maximum(known, 0.0))
-    kept = np.sqrt(1.0 - astray / np.maximum(known, 1e-12))
-    shrink = np.eye(3)
-    shrink[:2, :2] = (axes * kept) @ axes.T
-    return np.asarray(shrink @ information @ shrink, np.float64)
+    known, axes = np.linalg.eigh(position)
+    known = np.maximum(known, TINY)
+    lever = axes @ ((axes.T @ cross) / known)
+    kept = (axes * np.maximum(known - scatter * known.sum(), 0.0)) @ axes.T
+    out = np.empty((3, 3))
+    out[:2, :2] = kept
+    out[:2, 2] = out[2, :2] = kept @ lever
+    out[2, 2] = max(heading - cross @ lever, 0.0) + lever @ kept @ lever
+    return out
 
 
 def owed(
