@@ -89,7 +89,7 @@ def test_a_foreign_corrupt_older_newer_or_otherwise_set_snapshot_is_refused_by_n
     for bad, what in (
         (b"graph" + data, "no snapshot"),
         (newer, "newer"),
-        (older, "format 4 is older than 5"),
+        (older, f"format {FORMAT - 1} is older than {FORMAT}"),
         (bytes(flipped), "corrupt"),
         (data[:-1], "corrupt"),
     ):

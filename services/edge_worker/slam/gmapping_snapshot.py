@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from services.edge_worker.slam.gmapping import GMapping
 
 MAGIC = b"RecSLAM gmapping"
-FORMAT = 5
+FORMAT = 6
 HEAD_BYTES = len(MAGIC) + 2 + hashlib.sha256().digest_size
 EXT_PLANES = 2
 SMALL = 512
