@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from graph_cases import driven, robot, run
 from numpy.typing import NDArray
 
@@ -49,6 +50,19 @@ def test_a_loop_in_a_corridor_corrects_across_it_and_keeps_to_dead_reckoning_alo
     assert np.all(np.abs(pose - (1.0, 0.0, 0.0)) < (0.15, 0.02, 0.01))
     assert np.linalg.inv(information)[0, 0] > 20.0**2
     assert information[1, 1] > 0.02**-2
+
+
+@pytest.mark.parametrize("seed", [0, 400, 500])
+def test_a_search_that_slid_far_along_a_corridor_leaves_the_robot_where_its_walls_are(seed: int) -> None:
+    """Rough walls tell within a degree or so which way is along: 6 m along are 2 cm across."""
+    keyframes = [corridor(None, seed + k) for k in range(24)] + [corridor(None, seed + 99)]
+    submap = Submap(0, tuple(range(24)), np.array([[0.3 * k, 0.0, 0.0] for k in range(24)]))
+    query = Query.of(range(24, 25), np.zeros((1, 3)), keyframes, 0.1, 400)
+    guess, slid = np.array([1.0, 0.3, 0.01]), np.array([7.0, 0.02, 0.005])
+    loop = LoopCloser(GraphSettings(), travelled=116.0)._judged(Target(submap, keyframes), submap, query, guess, slid)
+    assert loop is not None
+    pose = compose(submap.poses[loop.anchor], loop.measured)
+    assert np.all(np.abs(pose - (1.0, 0.0, 0.0)) < (0.05, 0.007, 0.002))
 
 
 def test_a_loop_at_the_end_of_a_corridor_corrects_along_it() -> None:

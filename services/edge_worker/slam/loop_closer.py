@@ -54,6 +54,8 @@ MEMORY_KEYFRAMES = 40
 """how long a loop waits for another to agree"""
 BENT_M, BENT_RAD = 0.02, 0.005
 """m, rad by which a correction must move a submap's keyframes to each other for the submap to be laid out anew"""
+SLID_M = 0.1
+"""m by which dead reckoning must have brought a pose back along a corridor for it to be refined anew"""
 FLOOR = np.diag([0.01**2, 0.01**2, 0.003**2])
 """covariance that every loop has at least: rigid submaps are not quite what they were measured as"""
 SCATTER = 0.03
@@ -200,8 +202,10 @@ class LoopCloser:
         start: NDArray[np.float64],
     ) -> Loop | None:
         """The loop that a query makes with a submap, refined from the pose `start` (3,) in it."""
-        alignment = align(target.surfels, query.points, query.normals, start, start, FREE_SIGMA, scatter=SCATTER)
-        agree, conflict = evidence(target.seen, query.points, alignment.pose)
+        pose, alignment = self._refined(target, query, guess, start)
+        if np.hypot(*(pose - alignment.pose)[:2]) > SLID_M:
+            pose, alignment = self._refined(target, query, guess, pose)
+        agree, conflict = evidence(target.seen, query.points, pose)
         known, size = agree + conflict, len(query.points)
         inliers = alignment.inliers * size / max(known, 1)
         if known < MIN_OVERLAP * size or conflict > MAX_CONFLICT * known:
@@ -210,9 +214,8 @@ class LoopCloser:
             return None
         information = alignment.information + NOTHING
         covariance = np.asarray(np.linalg.inv(information), np.float64)
-        latest, nearest = holders(target, submap, query, alignment.pose, covariance, SCATTER)
-        pose, there = self._reckoned(alignment, guess), query.poses[latest]
-        off = between(guess, pose)
+        latest, nearest = holders(target, submap, query, pose, covariance, SCATTER)
+        there, off = query.poses[latest], between(guess, pose)
         return Loop(
             submap.members[nearest],
             query.keyframes[latest],
@@ -222,14 +225,18 @@ class LoopCloser:
             (float(np.hypot(off[0], off[1])), abs(float(off[2]))),
         )
 
-    def _reckoned(self, alignment: Alignment, guess: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The pose (3,) that was found, but as dead reckoning has it where the points hold nothing.
+    def _refined(
+        self, target: Target, query: Query, guess: NDArray[np.float64], start: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], Alignment]:
+        """The pose (3,) refined from `start` (3,), but as dead reckoning has it where the points hold nothing.
 
-        Along a corridor the search ends anywhere: what it says there is no correction.
+        Along a corridor the search ends anywhere: what it says there is no correction. And which way is along is known
+        within a degree or two only: from far away, the pose must be refined anew where it has been brought back to.
         """
+        alignment = align(target.surfels, query.points, query.normals, start, start, FREE_SIGMA, scatter=SCATTER)
         prior = np.diag([self.drift**-2, self.drift**-2, self.turn**-2])
         off = between(alignment.pose, guess)
-        return compose(alignment.pose, np.linalg.solve(alignment.information + prior, prior @ off))
+        return compose(alignment.pose, np.linalg.solve(alignment.information + prior, prior @ off)), alignment
 
     def _query(self, graph: PoseGraph, keyframes: list[Keyframe], newest: int) -> Query:
         """The latest keyframes in the frame of the newest."""
