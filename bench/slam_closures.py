@@ -25,10 +25,10 @@ from common.evaluation.trajectory import absolute_error
 from common.geometry import between
 from common.geometry.pose_graph import PoseGraph
 from common.sim import SimulatedRobot, load_scene
-from services.edge_worker.slam.graph import GraphSlam
-from services.edge_worker.slam.keyframe import Keyframe
-from services.edge_worker.slam.loop import Loop
-from services.edge_worker.slam.loop_closer import LoopCloser
+from services.edge_worker.slam.graph.graph_slam import GraphSlam
+from services.edge_worker.slam.graph.keyframe import Keyframe
+from services.edge_worker.slam.graph.loop import Loop
+from services.edge_worker.slam.graph.loop_closer import LoopCloser
 from services.edge_worker.slam.warmup import warmup
 from services.robot_agent.packing import pack
 

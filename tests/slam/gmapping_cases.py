@@ -6,7 +6,7 @@ import numpy as np
 
 from common.geometry import between, compose
 from common.wire import Frame, LaserScan
-from services.edge_worker.slam.gmapping import GMapping
+from services.edge_worker.slam.gmapping.gmapping import GMapping
 
 FEW = {"particles": 6}
 BEAMS = 180

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from common.evaluation.trajectory import ErrorStats, absolute_error
 from common.sim import SimulatedRobot, load_scene
 from common.wire import Frame
-from services.edge_worker.slam.graph import GraphSlam
+from services.edge_worker.slam.graph.graph_slam import GraphSlam
 from services.robot_agent.packing import pack
 
 STREAM = "0" * 32

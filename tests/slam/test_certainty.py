@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from common.geometry import apply, between, compose
-from services.edge_worker.slam.certainty import believed, carried, heading_variance, owed
-from services.edge_worker.slam.icp import align
-from services.edge_worker.slam.surfels import SurfelMap
+from services.edge_worker.slam.graph.certainty import believed, carried, heading_variance, owed
+from services.edge_worker.slam.graph.icp import align
+from services.edge_worker.slam.graph.surfels import SurfelMap
 
 ORIGIN = np.zeros(3)
 

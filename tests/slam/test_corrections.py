@@ -7,7 +7,7 @@ import pytest
 from graph_cases import driven
 
 from services.edge_worker.slam.corrections import Corrections
-from services.edge_worker.slam.graph import GraphSlam
+from services.edge_worker.slam.graph.graph_slam import GraphSlam
 
 WALL = np.array([[2.0, -1.0], [2.0, 0.0], [2.0, 1.0]], np.float32)
 HERE = np.zeros(3)

@@ -14,7 +14,7 @@ from gmapping_cases import BEAMS, FEW, WALLS, changed, drive, errors, ranges_at,
 from common.errors import ConfigError
 from common.geometry import between
 from common.wire import Frame, LaserScan
-from services.edge_worker.slam.gmapping import GMapping
+from services.edge_worker.slam.gmapping.gmapping import GMapping
 
 
 @pytest.mark.parametrize(("odometry", "imu"), [(True, False), (False, True), (False, False)])

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.geometry import between, compose
-from services.edge_worker.slam.particle_chart import ParticleChart
-from services.edge_worker.slam.particle_track import ParticleTrack, way_of
-from services.edge_worker.slam.particle_tree import Generation, ParticleTree
+from services.edge_worker.slam.gmapping.particle_chart import ParticleChart
+from services.edge_worker.slam.gmapping.particle_track import ParticleTrack, way_of
+from services.edge_worker.slam.gmapping.particle_tree import Generation, ParticleTree
+from services.edge_worker.slam.gmapping.resampling import effective, normalised, systematic
 from services.edge_worker.slam.raycast import Canvas
-from services.edge_worker.slam.resampling import effective, normalised, systematic
 from services.edge_worker.slam.scan import NO_POINTS
 
 PARTICLES = 6

@@ -7,9 +7,9 @@ from copy import deepcopy
 import numpy as np
 import pytest
 
-from services.edge_worker.slam.hill_climb import climb, fit, misfit, rotate, search
-from services.edge_worker.slam.patch_map import PatchMap
-from services.edge_worker.slam.patch_pool import (
+from services.edge_worker.slam.gmapping.hill_climb import climb, fit, misfit, rotate, search
+from services.edge_worker.slam.gmapping.patch_map import PatchMap
+from services.edge_worker.slam.gmapping.patch_pool import (
     COARSER,
     FAR,
     MEAN_BITS,

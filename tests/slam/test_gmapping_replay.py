@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from test_gmapping_maps import RESOLUTION, same_maps, walls
 
-from services.edge_worker.slam import patch_state
-from services.edge_worker.slam.particle_tree import Generation, ParticleTree
-from services.edge_worker.slam.patch_map import PatchMap
+from services.edge_worker.slam.gmapping import patch_state
+from services.edge_worker.slam.gmapping.particle_tree import Generation, ParticleTree
+from services.edge_worker.slam.gmapping.patch_map import PatchMap
 from services.edge_worker.slam.scan import NO_POINTS
 
 N = 5

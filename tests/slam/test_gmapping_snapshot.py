@@ -7,8 +7,8 @@ import pytest
 from gmapping_cases import FEW, drive, run
 
 from common.errors import SnapshotRefused
-from services.edge_worker.slam.gmapping import GMapping
-from services.edge_worker.slam.gmapping_snapshot import FORMAT, HEAD_BYTES, MAGIC
+from services.edge_worker.slam.gmapping.gmapping import GMapping
+from services.edge_worker.slam.gmapping.snapshot import FORMAT, HEAD_BYTES, MAGIC
 
 
 @pytest.mark.parametrize("lag_scans", [12, 3000])

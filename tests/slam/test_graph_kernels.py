@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from common.geometry import apply, between, compose
 from common.geometry.pose_graph import PoseGraph, linearise, squared_errors
-from services.edge_worker.slam.branch_and_bound import COARSE, LEVELS, pyramid, search
-from services.edge_worker.slam.certainty import believed
-from services.edge_worker.slam.correlate import STEP, correlate
-from services.edge_worker.slam.holders import move
-from services.edge_worker.slam.icp import align, nearest
-from services.edge_worker.slam.keyframe import normals, thin
-from services.edge_worker.slam.submap import evidence, overlay, within
-from services.edge_worker.slam.surfels import CELL, FINE, SPLAT, SurfelMap
+from services.edge_worker.slam.graph.branch_and_bound import COARSE, LEVELS, pyramid, search
+from services.edge_worker.slam.graph.certainty import believed
+from services.edge_worker.slam.graph.correlate import STEP, correlate
+from services.edge_worker.slam.graph.holders import move
+from services.edge_worker.slam.graph.icp import align, nearest
+from services.edge_worker.slam.graph.keyframe import normals, thin
+from services.edge_worker.slam.graph.submap import evidence, overlay, within
+from services.edge_worker.slam.graph.surfels import CELL, FINE, SPLAT, SurfelMap
 
 LASER = np.zeros(2)
 ORIGIN = np.zeros(3)

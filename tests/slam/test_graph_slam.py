@@ -10,7 +10,7 @@ from common.errors import ConfigError
 from common.evaluation.maps import wall_thickness
 from common.evaluation.trajectory import absolute_error
 from common.wire import Frame
-from services.edge_worker.slam.graph import GraphSlam
+from services.edge_worker.slam.graph.graph_slam import GraphSlam
 from services.edge_worker.slam.kernel import create
 
 

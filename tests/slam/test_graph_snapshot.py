@@ -10,7 +10,7 @@ import pytest
 from graph_cases import driven, run
 
 from common.errors import SnapshotRefused
-from services.edge_worker.slam.graph import GraphSlam
+from services.edge_worker.slam.graph.graph_slam import GraphSlam
 
 SETTINGS = {"max_keyframes": 90, "local_keyframes": 20}
 HOW = {"duration_s": 80.0}

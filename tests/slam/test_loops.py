@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from common.geometry import between, compose
 from common.geometry.pose_graph import PoseGraph
-from services.edge_worker.slam.graph_settings import GraphSettings
-from services.edge_worker.slam.holders import Query
-from services.edge_worker.slam.keyframe import Keyframe, normals
-from services.edge_worker.slam.loop_closer import LoopCloser
-from services.edge_worker.slam.submap import Submap, Target
+from services.edge_worker.slam.graph.holders import Query
+from services.edge_worker.slam.graph.keyframe import Keyframe, normals
+from services.edge_worker.slam.graph.loop_closer import LoopCloser
+from services.edge_worker.slam.graph.settings import GraphSettings
+from services.edge_worker.slam.graph.submap import Submap, Target
 
 WIDTH_M = 2.0
 

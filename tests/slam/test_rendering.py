@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from graph_cases import driven, run
 
-from services.edge_worker.slam.graph import GraphSlam
-from services.edge_worker.slam.rendering import Rendering
+from services.edge_worker.slam.graph.graph_slam import GraphSlam
+from services.edge_worker.slam.graph.rendering import Rendering
 
 BEND = np.array([0.5, 0.3, 0.02])
 """what a correction moves the last keyframe by, and the others by as much as they are late"""

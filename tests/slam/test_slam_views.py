@@ -7,7 +7,7 @@ import pytest
 from graph_cases import changed, driven
 
 from common.geometry import compose
-from services.edge_worker.slam.graph import VIEWS, GraphSlam
+from services.edge_worker.slam.graph.graph_slam import VIEWS, GraphSlam
 
 
 @pytest.fixture(scope="module")

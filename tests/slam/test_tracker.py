@@ -10,11 +10,11 @@ from graph_cases import driven, robot
 from numpy.typing import NDArray
 
 from common.geometry import apply, wrap
-from services.edge_worker.slam.graph import GraphSlam
-from services.edge_worker.slam.graph_settings import GraphSettings
-from services.edge_worker.slam.keyframe import Keyframe
+from services.edge_worker.slam.graph.graph_slam import GraphSlam
+from services.edge_worker.slam.graph.keyframe import Keyframe
+from services.edge_worker.slam.graph.settings import GraphSettings
+from services.edge_worker.slam.graph.tracker import DOUBTFUL_FLOOR, FLOOR, GOOD_INLIERS, Match, Tracker
 from services.edge_worker.slam.scan import Points, Scan
-from services.edge_worker.slam.tracker import DOUBTFUL_FLOOR, FLOOR, GOOD_INLIERS, Match, Tracker
 
 ORIGIN = np.zeros(3)
 SPACING = 0.05

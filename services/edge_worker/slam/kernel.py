@@ -77,11 +77,11 @@ KernelFactory = Callable[[Mapping[str, Any], int], Kernel]
 def create(name: str, settings: Mapping[str, Any], seed: int = 0) -> Kernel:
     """A new kernel by its name in the configuration. Raises ConfigError for unknown names or settings."""
     if name == "graph":
-        from services.edge_worker.slam.graph import GraphSlam
+        from services.edge_worker.slam.graph.graph_slam import GraphSlam
 
         return GraphSlam.create(settings, seed)
     if name == "gmapping":
-        from services.edge_worker.slam.gmapping import GMapping
+        from services.edge_worker.slam.gmapping.gmapping import GMapping
 
         return GMapping.create(settings, seed)
     plugins = {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}

@@ -18,16 +18,16 @@ from common.geometry import between, compose
 from common.geometry.pose_graph import PoseGraph
 from common.grid import Grid
 from common.wire import Frame
-from services.edge_worker.slam import graph_settings, graph_snapshot, thinning
 from services.edge_worker.slam.corrections import Corrections
-from services.edge_worker.slam.graph_settings import GraphSettings
+from services.edge_worker.slam.graph import snapshot, thinning
+from services.edge_worker.slam.graph.keyframe import Keyframe, View
+from services.edge_worker.slam.graph.loop_closer import LoopCloser
+from services.edge_worker.slam.graph.rendering import Rendering
+from services.edge_worker.slam.graph.settings import GraphSettings, read_settings
+from services.edge_worker.slam.graph.tracker import Match, Tracker
+from services.edge_worker.slam.graph.trajectory import Trajectory
 from services.edge_worker.slam.kernel import Estimate
-from services.edge_worker.slam.keyframe import Keyframe, View
-from services.edge_worker.slam.loop_closer import LoopCloser
-from services.edge_worker.slam.rendering import Rendering
 from services.edge_worker.slam.scan import Scan, ScanReader, unslipped
-from services.edge_worker.slam.tracker import Match, Tracker
-from services.edge_worker.slam.trajectory import Trajectory
 
 OPTIMISE_EVERY = 20
 """loops between optimisations, if none moves much; every other one, as a rule, looks back"""
@@ -66,7 +66,7 @@ class GraphSlam:
     @classmethod
     def create(cls, settings: Mapping[str, Any], seed: int) -> GraphSlam:
         """A new kernel; `seed` is not used, as nothing is random. Raises ConfigError naming the field."""
-        return cls(graph_settings.read(settings))
+        return cls(read_settings(settings))
 
     @property
     def corrections(self) -> Corrections:
@@ -111,10 +111,10 @@ class GraphSlam:
         return self.track.rows(self.graph.poses)
 
     def snapshot(self) -> bytes:
-        return graph_snapshot.write(self)
+        return snapshot.write(self)
 
     def restore(self, data: bytes) -> None:
-        graph_snapshot.read(data, self)
+        snapshot.read(data, self)
 
     def _moved(self, match: Match) -> float:
         """Share of a keyframe's distance that lies behind: at 1 a scan becomes one.

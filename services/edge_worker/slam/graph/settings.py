@@ -45,7 +45,7 @@ class GraphSettings(BaseModel):
     """share of points that must agree with a submap for a loop to count"""
 
 
-def read(settings: Mapping[str, Any]) -> GraphSettings:
+def read_settings(settings: Mapping[str, Any]) -> GraphSettings:
     """Raises ConfigError naming the field."""
     try:
         return GraphSettings(**settings)

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from services.edge_worker.slam.graph.surfels import FINE
 from services.edge_worker.slam.scan import Points
-from services.edge_worker.slam.surfels import FINE
 
 STEP = 2
 """fine cells between lattice positions"""

@@ -9,11 +9,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.edge_worker.slam.branch_and_bound import COARSE, pyramid
-from services.edge_worker.slam.keyframe import Keyframe
+from services.edge_worker.slam.graph.branch_and_bound import COARSE, pyramid
+from services.edge_worker.slam.graph.keyframe import Keyframe
+from services.edge_worker.slam.graph.surfels import CELL, SurfelMap, faces
 from services.edge_worker.slam.raycast import NOWHERE, trace
 from services.edge_worker.slam.scan import Points
-from services.edge_worker.slam.surfels import CELL, SurfelMap, faces
 
 SIZE = 512
 """cells of a target's torus each way"""

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from common.geometry import between, compose
 from common.geometry.pose_graph import PoseGraph
-from services.edge_worker.slam.branch_and_bound import search
-from services.edge_worker.slam.certainty import carried
-from services.edge_worker.slam.graph_settings import GraphSettings
-from services.edge_worker.slam.holders import Query, holders
-from services.edge_worker.slam.icp import Alignment, align
-from services.edge_worker.slam.keyframe import Keyframe
-from services.edge_worker.slam.loop import SMALL_M, Loop, consistent
+from services.edge_worker.slam.graph.branch_and_bound import search
+from services.edge_worker.slam.graph.certainty import carried
+from services.edge_worker.slam.graph.holders import Query, holders
+from services.edge_worker.slam.graph.icp import Alignment, align
+from services.edge_worker.slam.graph.keyframe import Keyframe
+from services.edge_worker.slam.graph.loop import SMALL_M, Loop, consistent
+from services.edge_worker.slam.graph.settings import GraphSettings
+from services.edge_worker.slam.graph.submap import Submap, Target, TargetCache, evidence
 from services.edge_worker.slam.scan import Points
-from services.edge_worker.slam.submap import Submap, Target, TargetCache, evidence
 
 QUERY_KEYFRAMES = 5
 """latest keyframes that are matched together"""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from common.geometry import compose
 from common.grid import Grid
 from services.edge_worker.slam.corrections import Corrections
-from services.edge_worker.slam.keyframe import Keyframe
+from services.edge_worker.slam.graph.keyframe import Keyframe
 from services.edge_worker.slam.raycast import Canvas
 
 ROUND_CELLS = 0.2

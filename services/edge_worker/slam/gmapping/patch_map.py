@@ -10,8 +10,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.edge_worker.slam.patch_near import find_all, update_near
-from services.edge_worker.slam.patch_pool import COARSER, LOW, MEAN_BITS, MOST_HITS, NONE, SHIFT, SIDE, PatchPool, own
+from services.edge_worker.slam.gmapping.patch_near import find_all, update_near
+from services.edge_worker.slam.gmapping.patch_pool import (
+    COARSER,
+    LOW,
+    MEAN_BITS,
+    MOST_HITS,
+    NONE,
+    SHIFT,
+    SIDE,
+    PatchPool,
+    own,
+)
 
 BLOCK = 16
 """cells; the table grows in steps of so many"""

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import between, compose
-from services.edge_worker.slam.certainty import heading_variance, holds, owed, posterior, turned
-from services.edge_worker.slam.correlate import correlate
-from services.edge_worker.slam.graph_settings import GraphSettings
-from services.edge_worker.slam.icp import KNOWN, NOTHING, Alignment, Sweep, align
-from services.edge_worker.slam.keyframe import Keyframe, normals, thin
+from services.edge_worker.slam.graph.certainty import heading_variance, holds, owed, posterior, turned
+from services.edge_worker.slam.graph.correlate import correlate
+from services.edge_worker.slam.graph.icp import KNOWN, NOTHING, Alignment, Sweep, align
+from services.edge_worker.slam.graph.keyframe import Keyframe, normals, thin
+from services.edge_worker.slam.graph.settings import GraphSettings
+from services.edge_worker.slam.graph.surfels import SurfelMap
 from services.edge_worker.slam.scan import Points, Scan
-from services.edge_worker.slam.surfels import SurfelMap
 
 SIZE = 1024
 """cells of the local map's torus each way: 102 m, more than twice a scan's reach and the keyframes' spread"""

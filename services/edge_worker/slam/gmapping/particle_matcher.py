@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.edge_worker.slam.gmapping_settings import GMappingSettings
-from services.edge_worker.slam.hill_climb import climb, climb_all, found_walls, search
-from services.edge_worker.slam.patch_map import PatchMap
+from services.edge_worker.slam.gmapping.hill_climb import climb, climb_all, found_walls, search
+from services.edge_worker.slam.gmapping.patch_map import PatchMap
+from services.edge_worker.slam.gmapping.settings import GMappingSettings
 from services.edge_worker.slam.scan import Points, Scan, unslipped
 
 SEARCH_POINTS = 90

@@ -75,7 +75,7 @@ class GMappingSettings(BaseModel):
         return self
 
 
-def read(settings: Mapping[str, Any]) -> GMappingSettings:
+def read_settings(settings: Mapping[str, Any]) -> GMappingSettings:
     """Raises ConfigError naming the field."""
     try:
         return GMappingSettings(**settings)

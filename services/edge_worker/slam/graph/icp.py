@@ -14,9 +14,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from common.geometry import between, compose
-from services.edge_worker.slam.certainty import believed, owed
+from services.edge_worker.slam.graph.certainty import believed, owed
+from services.edge_worker.slam.graph.surfels import CELL, SurfelMap, faces
 from services.edge_worker.slam.scan import Points
-from services.edge_worker.slam.surfels import CELL, SurfelMap, faces
 
 ITERATIONS = 15
 STEP_M = 2e-4

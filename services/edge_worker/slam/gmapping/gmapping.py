@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 from common.geometry import between, compose, wrap
 from common.grid import Grid
 from common.wire import Frame
-from services.edge_worker.slam import gmapping_settings, gmapping_snapshot, patch_state
 from services.edge_worker.slam.corrections import Corrections
-from services.edge_worker.slam.gmapping_settings import GMappingSettings
+from services.edge_worker.slam.gmapping import patch_state, snapshot
+from services.edge_worker.slam.gmapping.particle_chart import ParticleChart
+from services.edge_worker.slam.gmapping.particle_matcher import ParticleMatcher, Uncertainty
+from services.edge_worker.slam.gmapping.particle_track import ParticleTrack, way_of
+from services.edge_worker.slam.gmapping.particle_tree import Generation, ParticleTree
+from services.edge_worker.slam.gmapping.patch_map import PatchMap
+from services.edge_worker.slam.gmapping.resampling import effective, normalised, systematic
+from services.edge_worker.slam.gmapping.settings import GMappingSettings, read_settings
 from services.edge_worker.slam.kernel import Estimate
-from services.edge_worker.slam.particle_chart import ParticleChart
-from services.edge_worker.slam.particle_matcher import ParticleMatcher, Uncertainty
-from services.edge_worker.slam.particle_track import ParticleTrack, way_of
-from services.edge_worker.slam.particle_tree import Generation, ParticleTree
-from services.edge_worker.slam.patch_map import PatchMap
-from services.edge_worker.slam.resampling import effective, normalised, systematic
 from services.edge_worker.slam.scan import NO_POINTS, Scan, ScanReader
 
 MOVES = 20
@@ -64,7 +64,7 @@ class GMapping:
     @classmethod
     def create(cls, settings: Mapping[str, Any], seed: int) -> GMapping:
         """A new kernel. Raises ConfigError naming the field."""
-        return cls(gmapping_settings.read(settings), seed)
+        return cls(read_settings(settings), seed)
 
     @property
     def poses(self) -> NDArray[np.float64]:
@@ -109,11 +109,11 @@ class GMapping:
 
     def snapshot(self) -> bytes:
         """All state, so that `restore` continues bit for bit."""
-        return gmapping_snapshot.write(self)
+        return snapshot.write(self)
 
     def restore(self, data: bytes) -> None:
         """Take over a snapshot of a kernel of the same settings. Raises SnapshotRefused, and then keeps its state."""
-        gmapping_snapshot.read(data, self)
+        snapshot.read(data, self)
 
     def _as_told(self, scan: Scan) -> Scan:
         """Where wheels are suspected of slip: the motion that they tell first, and what is left without slip second.

@@ -21,13 +21,13 @@ from common.grid import Grid
 from common.grid.sharpen import sharpened
 from common.grid.tiles import decode_counts, encode_counts
 from common.wire.arrays import DTYPES, EXT_ARRAY, pack_array, unpack_array
-from services.edge_worker.slam import patch_state
-from services.edge_worker.slam.particle_chart import ParticleChart
-from services.edge_worker.slam.particle_track import ParticleTrack
-from services.edge_worker.slam.particle_tree import Generation, ParticleTree
+from services.edge_worker.slam.gmapping import patch_state
+from services.edge_worker.slam.gmapping.particle_chart import ParticleChart
+from services.edge_worker.slam.gmapping.particle_track import ParticleTrack
+from services.edge_worker.slam.gmapping.particle_tree import Generation, ParticleTree
 
 if TYPE_CHECKING:
-    from services.edge_worker.slam.gmapping import GMapping
+    from services.edge_worker.slam.gmapping.gmapping import GMapping
 
 MAGIC = b"RecSLAM gmapping"
 FORMAT = 6

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from common.grid import Grid
 from services.edge_worker.slam.corrections import Corrections
-from services.edge_worker.slam.particle_tree import Generation, ParticleTree, Pose
+from services.edge_worker.slam.gmapping.particle_tree import Generation, ParticleTree, Pose
 from services.edge_worker.slam.raycast import Canvas
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from services.edge_worker.slam.patch_pool import CENTRE, COARSER, FAR, LOW, NEAR_BITS, NONE, SHIFT, SIDE
+from services.edge_worker.slam.gmapping.patch_pool import CENTRE, COARSER, FAR, LOW, NEAR_BITS, NONE, SHIFT, SIDE
 
 
 @njit(cache=True, inline="always")

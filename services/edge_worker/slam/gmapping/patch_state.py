@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.edge_worker.slam.particle_tree import Generation, Pose
-from services.edge_worker.slam.patch_map import PatchMap
-from services.edge_worker.slam.patch_pool import CELLS, NONE, PatchPool, enough_for
+from services.edge_worker.slam.gmapping.particle_tree import Generation, Pose
+from services.edge_worker.slam.gmapping.patch_map import PatchMap
+from services.edge_worker.slam.gmapping.patch_pool import CELLS, NONE, PatchPool, enough_for
 
 
 def settle(settled: PatchMap, fixed: Iterable[tuple[Pose, Generation]]) -> None:

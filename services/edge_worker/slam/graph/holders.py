@@ -14,11 +14,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.edge_worker.slam.icp import NARROW_M, nearest
-from services.edge_worker.slam.keyframe import Keyframe, thin
-from services.edge_worker.slam.loop import FIRM_M
+from services.edge_worker.slam.graph.icp import NARROW_M, nearest
+from services.edge_worker.slam.graph.keyframe import Keyframe, thin
+from services.edge_worker.slam.graph.loop import FIRM_M
+from services.edge_worker.slam.graph.submap import Submap, Target
 from services.edge_worker.slam.scan import Points
-from services.edge_worker.slam.submap import Submap, Target
 
 ENOUGH = 0.5
 """share of what the best keyframe holds that makes another one as good"""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from services.edge_worker.slam.patch_pool import FAR_CELLS, LOW, NEAR_UNIT, SHIFT, SIDE
+from services.edge_worker.slam.gmapping.patch_pool import FAR_CELLS, LOW, NEAR_UNIT, SHIFT, SIDE
 
 
 @njit(cache=True)

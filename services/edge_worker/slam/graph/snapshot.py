@@ -16,17 +16,17 @@ import zstandard
 from common.errors import SnapshotRefused
 from common.geometry.pose_graph import PoseGraph
 from common.wire.arrays import EXT_ARRAY, pack_array, unpack_array
-from services.edge_worker.slam.graph_settings import GraphSettings
-from services.edge_worker.slam.keyframe import Keyframe, View, normals
-from services.edge_worker.slam.loop import Loop
-from services.edge_worker.slam.loop_closer import LoopCloser
-from services.edge_worker.slam.submap import Submap
+from services.edge_worker.slam.graph.keyframe import Keyframe, View, normals
+from services.edge_worker.slam.graph.loop import Loop
+from services.edge_worker.slam.graph.loop_closer import LoopCloser
+from services.edge_worker.slam.graph.settings import GraphSettings
+from services.edge_worker.slam.graph.submap import Submap
+from services.edge_worker.slam.graph.tracker import Tracker
+from services.edge_worker.slam.graph.trajectory import Trajectory
 from services.edge_worker.slam.surfaces import walls
-from services.edge_worker.slam.tracker import Tracker
-from services.edge_worker.slam.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from services.edge_worker.slam.graph import GraphSlam
+    from services.edge_worker.slam.graph.graph_slam import GraphSlam
 
 KERNEL = "graph"
 VERSION = 7
