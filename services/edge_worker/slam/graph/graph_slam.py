@@ -83,8 +83,7 @@ class GraphSlam:
         self.reader.learn(between(self.pose, match.pose), match.matched, match.firm, match.heading_sigma)
         self.pose = match.pose
         if match.slip is not None:
-            if scan.velocity is not None:
-                self.reader.slipped(match.slip)
+            self.reader.slipped(match.slip)
             scan = unslipped(scan, match.slip)
         moved = self._moved(match)
         if moved > (1.0 if match.matched else LOST_SHARE):

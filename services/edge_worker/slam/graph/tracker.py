@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import between, compose
-from services.edge_worker.slam.graph.certainty import heading_variance, holds, owed, posterior, turned
+from services.edge_worker.slam.graph.certainty import heading_variance, holds, posterior, turned
 from services.edge_worker.slam.graph.correlate import correlate
-from services.edge_worker.slam.graph.icp import KNOWN, NOTHING, Alignment, Sweep, align
+from services.edge_worker.slam.graph.icp import KNOWN, Alignment, Sweep, align
 from services.edge_worker.slam.graph.keyframe import Keyframe, normals, thin
 from services.edge_worker.slam.graph.settings import GraphSettings
 from services.edge_worker.slam.graph.surfels import SurfelMap
@@ -96,34 +96,9 @@ class Tracker:
         lost = Match(predicted, False, posterior(np.zeros((3, 3)), prior, slack))
         if len(kept) < self.settings.min_points:
             return lost
-        query = Query(scan.points[kept], facing[kept], self._sweep(scan, kept, pose, prior))
-        found, sigma, sure = self._found(query, scan, pose, window, prior)
-        if found.inliers < self.settings.min_inliers:
-            return lost
-        good = found.inliers >= GOOD_INLIERS
-        return Match(
-            found.pose if sure or sigma == WIDE_SIGMA else _doubted(found, predicted, sigma),
-            True,
-            posterior(found.information, sigma, slack),
-            FLOOR if sure else DOUBTFUL_FLOOR,
-            found.slip if good and len(query.sweep.times) else None,
-            good and holds(found.information, scan.motion),
-            float(np.sqrt(heading_variance(found.information) + FLOOR[2, 2])),
-        )
-
-    def _found(
-        self,
-        query: Query,
-        scan: Scan,
-        pose: NDArray[np.float64],
-        window: tuple[float, float, float],
-        prior: tuple[float, float],
-    ) -> tuple[Alignment, tuple[float, float], bool]:
-        """The best match near where dead reckoning has the scan, or far and wide if that is poor.
-
-        With it the standard deviation (m, rad) of where it was looked for, and whether no other place fits as well.
-        """
-        found, sigma, unrivalled = self._align(query, compose(pose, scan.motion), window, prior), prior, False
+        guessed = scan.velocity is not None and bool(scan.times.any())
+        query = Query(scan.points[kept], facing[kept], self._sweep(scan, kept, pose) if guessed else KNOWN)
+        found, sigma, unrivalled = self._align(query, predicted, window, prior), prior, False
         if found.inliers < GOOD_INLIERS:
             for k, motion in enumerate((scan.motion, *scan.alternatives)):
                 wide = self._align(query, compose(pose, motion), WIDE_WINDOW, WIDE_SIGMA)
@@ -133,21 +108,19 @@ class Tracker:
                     unrivalled = bool((np.abs(between(found.pose, wide.pose)) < SAME_PLACE).all())
                 if found.inliers >= GOOD_INLIERS:
                     break
-        return found, sigma, unrivalled or found.inliers >= GOOD_INLIERS
+        if found.inliers < self.settings.min_inliers:
+            return lost
+        floor = FLOOR if unrivalled or found.inliers >= GOOD_INLIERS else DOUBTFUL_FLOOR
+        slip = found.slip if guessed and found.inliers >= GOOD_INLIERS else None
+        covariance = posterior(found.information, sigma, slack)
+        firm = found.inliers >= GOOD_INLIERS and holds(found.information, scan.motion)
+        heading_sigma = float(np.sqrt(heading_variance(found.information) + FLOOR[2, 2]))
+        return Match(found.pose, True, covariance, floor, slip, firm, heading_sigma)
 
-    def _sweep(
-        self, scan: Scan, kept: NDArray[np.int64], pose: NDArray[np.float64], sigma: tuple[float, float]
-    ) -> Sweep:
-        """What is known of the motion in this sweep, if that of a frame is known within `sigma` (m, rad).
-
-        Wheels measure it, and err: what they are off by between two scans they are off by within a scan as well.
-        """
-        told = SHORTEST_S <= scan.dt <= LONGEST_S
-        if not scan.times.any() or (scan.velocity is None and not told):
-            return KNOWN
-        if scan.velocity is None:
-            return Sweep(scan.times[kept], np.zeros(3), pose, np.zeros(3), (sigma[0] / scan.dt, sigma[1] / scan.dt))
-        rate = 1.0 / scan.dt if told else 0.0
+    def _sweep(self, scan: Scan, kept: NDArray[np.int64], pose: NDArray[np.float64]) -> Sweep:
+        """How the motion in this sweep was guessed."""
+        assert scan.velocity is not None
+        rate = 1.0 / scan.dt if SHORTEST_S <= scan.dt <= LONGEST_S else 0.0
         rates = np.array([rate, rate, 0.0 if scan.turn_measured else rate])
         sigma = (SLIP_SIGMA[0], TURN_SLIP_MEASURED if scan.turn_measured else SLIP_SIGMA[1])
         return Sweep(scan.times[kept], scan.velocity, pose, rates, sigma)
@@ -192,11 +165,3 @@ class Tracker:
         sample = query.points[:: max(len(query.points) // COARSE_POINTS, 1)]
         start, _ = correlate(self.local.field, sample, predicted, *window)
         return align(self.local, query.points, query.normals, start, predicted, sigma, query.sweep)
-
-
-def _doubted(found: Alignment, predicted: NDArray[np.float64], sigma: tuple[float, float]) -> NDArray[np.float64]:
-    """The pose (3,) of a doubtful match: near `predicted` (3,) as far as that, known within `sigma`, is surer."""
-    seeming = found.information + NOTHING
-    trusted = np.asarray(np.linalg.inv(np.linalg.inv(seeming) + DOUBTFUL_FLOOR))
-    weights = np.array([sigma[0], sigma[0], sigma[1]]) ** -2.0
-    return compose(found.pose, owed(seeming, trusted, weights, between(found.pose, predicted)))
