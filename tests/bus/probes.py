@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
+import signal
 import subprocess
 from collections.abc import Awaitable, Callable
 
@@ -55,3 +57,9 @@ async def real(stream: Stream[Received]) -> Received:
         if not isinstance(received.message, Refusal):
             return received
     raise AssertionError("the stream ended")
+
+
+def freeze(process: Process) -> None:
+    """Stop a process, and return when all its threads have: until then they go on answering."""
+    process.send_signal(signal.SIGSTOP)
+    os.waitpid(process.pid, os.WUNTRACED)

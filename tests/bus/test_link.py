@@ -6,7 +6,7 @@ import signal
 from collections.abc import Mapping
 
 import pytest
-from probes import STREAM, OpenBus, Start, hear, introduce, number, routes
+from probes import STREAM, OpenBus, Start, freeze, hear, introduce, number, routes
 
 from common.bus import Alive, Bus, Link, Router, keys
 from common.errors import RouterUnreachable, UsageError
@@ -48,7 +48,7 @@ async def test_a_router_that_comes_late_is_found(start: Start, root: str) -> Non
 
 async def test_a_cancelled_opening_leaves_nothing(start: Start, root: str) -> None:
     router, listen = start("route", "tcp/127.0.0.1:0", root)
-    os.kill(router.pid, signal.SIGSTOP)
+    freeze(router)
     opening = asyncio.create_task(Bus.open(listen, name="a", role="test", root=root, timeout_s=1000))
     await asyncio.sleep(0.1)
     opening.cancel()
@@ -124,7 +124,7 @@ async def test_a_frozen_process_is_missed_after_its_lease_and_seen_again(
     tokens = watcher.watch_alive("**")
     holder, _ = start("hold", endpoint, root)
     assert (await anext(tokens)).alive
-    os.kill(holder.pid, signal.SIGSTOP)
+    freeze(holder)
     async with asyncio.timeout(6):
         assert not (await anext(tokens)).alive
     os.kill(holder.pid, signal.SIGCONT)
@@ -150,7 +150,7 @@ async def test_a_stopped_watcher_does_not_hold_up_the_others(
     latched = watcher.watch(keys.SCHEDULER_ROUTES)
     await introduce(scheduler, keys.SCHEDULER_PLAN, stream)
     holder, _ = start("hold", endpoint, root)
-    os.kill(holder.pid, signal.SIGSTOP)
+    freeze(holder)
     filler = FramePage(robot="r1", stream=STREAM, frames=(bytes(200_000),), oldest=0)
     for n in range(100):  # 20 MB: more than the buffers on the way hold
         scheduler.put(keys.robot_frames("r1"), filler)

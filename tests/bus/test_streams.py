@@ -1,13 +1,11 @@
 from __future__ import annotations
 
 import asyncio
-import os
-import signal
 import threading
 
 import pytest
 import zenoh
-from probes import OpenBus, Start, frame, hear, introduce, number, real, routes
+from probes import OpenBus, Start, frame, freeze, hear, introduce, number, real, routes
 
 from common.bus import Bus, Received, Stream, keys
 from common.bus.settings import node_config
@@ -97,7 +95,7 @@ async def test_a_put_never_waits_for_a_stopped_reader(
     await introduce(robot, keys.robot_frames("r1"), healthy)
     holder, ready = start("hold", endpoint, root)
     assert ready == "ready"
-    os.kill(holder.pid, signal.SIGSTOP)
+    freeze(holder)
     for seq in range(400):  # 40 MB: more than all buffers on the way to the stopped reader
         await hear(robot, keys.robot_frames("r1"), frame("r1", seq, 100_000), healthy)
     assert robot.connected
