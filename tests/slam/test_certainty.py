@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from common.geometry import apply, between, compose
-from services.edge_worker.slam.graph.certainty import believed, carried, heading_variance, owed
+from services.edge_worker.slam.graph.certainty import alone, believed, carried, owed
 from services.edge_worker.slam.graph.icp import align
 from services.edge_worker.slam.graph.surfels import SurfelMap
 
@@ -38,7 +38,7 @@ def test_a_heading_is_known_by_the_length_of_a_wall_however_far_ahead_it_stands(
     rows = np.stack([*normals, x * normals[1] - y * normals[0]], axis=1) / 0.02
     trusted = believed(rows.T @ rows, scatter)
     expected = 0.02**2 / np.square(along).sum()
-    assert heading_variance(trusted) == pytest.approx(expected, rel=0.4)
+    assert alone(trusted)[2, 2] == pytest.approx(expected, rel=0.4)
     at_wall = carried(trusted, np.array([away_m, y, 0.0]))
     assert np.linalg.inv(at_wall + 1e-6 * np.eye(3))[1, 1] < 3 * 0.02**2 / len(along)
     assert np.linalg.inv(trusted + 1e-4 * np.eye(3))[0, 0] > 0.1**2

@@ -14,10 +14,10 @@ from services.edge_worker.slam.graph.branch_and_bound import COARSE, LEVELS, pyr
 from services.edge_worker.slam.graph.certainty import believed
 from services.edge_worker.slam.graph.correlate import STEP, correlate
 from services.edge_worker.slam.graph.holders import move
-from services.edge_worker.slam.graph.icp import align, nearest
+from services.edge_worker.slam.graph.icp import align
 from services.edge_worker.slam.graph.keyframe import normals, thin
 from services.edge_worker.slam.graph.submap import evidence, overlay, within
-from services.edge_worker.slam.graph.surfels import CELL, FINE, SPLAT, SurfelMap
+from services.edge_worker.slam.graph.surfels import CELL, FINE, SPLAT, SurfelMap, nearest
 
 LASER = np.zeros(2)
 ORIGIN = np.zeros(3)

@@ -143,7 +143,7 @@ class DeadReckoning:
         firm: bool = False,
         heading_sigma: float = HEADING_SIGMA,
     ) -> None:
-        """Tell the motion (3,) since the frame before that was settled on: by matching, or for want of a match.
+        """Tell the motion (3,) since the frame before that was settled on, by matching or for want of it; each frame.
 
         `firm`: the match held the robot along its motion, not odometry; `heading_sigma` rad: how well it held heading.
         """

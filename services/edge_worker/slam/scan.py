@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from common.wire import Frame, LaserScan
-from services.edge_worker.slam.motion import HEADING_SIGMA, DeadReckoning
+from services.edge_worker.slam.motion import DeadReckoning
 
 Points = NDArray[np.float32]
 
@@ -99,24 +99,6 @@ class ScanReader:
         laser = np.array(scan.mount[:2], np.float64)
         taken = (start + scan.time_increment * beams).astype(np.float32)
         return replace(read, points=ends, beams=beams, times=taken, silent=silent, laser=laser)
-
-    def learn(
-        self,
-        motion: NDArray[np.float64],
-        matched: bool = True,
-        firm: bool = False,
-        heading_sigma: float = HEADING_SIGMA,
-    ) -> None:
-        """Tell the motion (3,) since the frame before that was settled on, in that frame's base; for every frame.
-
-        `matched`: by matching the scan, not for want of a match; `firm`: the match held the robot along its motion;
-        `heading_sigma`: standard deviation of the heading by the scan alone, rad.
-        """
-        self.reckoning.learn(motion, matched, firm, heading_sigma)
-
-    def slipped(self, slip: NDArray[np.float64]) -> None:
-        """Tell what a guessed velocity was off by in the sweep just read: (3,) m/s, m/s, rad/s."""
-        self.reckoning.slipped(slip)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next scan depends on, as msgpack and arrays take it."""

@@ -27,9 +27,10 @@ from services.edge_worker.slam.gmapping.particle_track import ParticleTrack, way
 from services.edge_worker.slam.gmapping.particle_tree import Generation, ParticleTree
 from services.edge_worker.slam.gmapping.patch_map import PatchMap
 from services.edge_worker.slam.gmapping.resampling import effective, normalised, systematic
-from services.edge_worker.slam.gmapping.settings import GMappingSettings, read_settings
+from services.edge_worker.slam.gmapping.settings import GMappingSettings
 from services.edge_worker.slam.kernel import Estimate
 from services.edge_worker.slam.scan import NO_POINTS, Scan, ScanReader
+from services.edge_worker.slam.settings import read_settings
 
 MOVES = 20
 """scans that are drawn elsewhere when the map is asked for: each takes half a millisecond, and the robot waits"""
@@ -64,7 +65,7 @@ class GMapping:
     @classmethod
     def create(cls, settings: Mapping[str, Any], seed: int) -> GMapping:
         """A new kernel. Raises ConfigError naming the field."""
-        return cls(read_settings(settings), seed)
+        return cls(read_settings(GMappingSettings, settings), seed)
 
     @property
     def poses(self) -> NDArray[np.float64]:
@@ -143,9 +144,9 @@ class GMapping:
             scan, pose, slip = self.matcher.unslip(scan, compose(base, self.since), doubt, self.best)
             self.since = between(base, pose)
         motion = between(before, self.since)
-        self.reader.learn(motion, matched)
+        self.reader.reckoning.learn(motion, matched)
         if slip is not None:
-            self.reader.slipped(slip)
+            self.reader.reckoning.slipped(slip)
         self.way += way_of(motion)
         self.spread += self._drift(motion) if matched else np.square([doubt.metres, doubt.metres, doubt.radians])
         return scan, matched
@@ -154,7 +155,7 @@ class GMapping:
         """Correct `since` on the best particle's map, from the first of the motions offered that leads to a match."""
         base = self.poses[self.best]
         guesses = compose(base, compose(before, np.vstack([scan.motion, scan.alternatives])))
-        self._cover(scan, guesses, self.settings.search_m)
+        self.maps.cover_scan(scan.points, guesses, self.settings.search_m)
         for guess in guesses:
             pose, matched = self.matcher.track(scan.points, guess, doubt, self.best)
             if matched:
@@ -191,12 +192,12 @@ class GMapping:
         poses, parents = compose(self.poses, self.since), np.arange(n)
         if self.maps.held:
             poses = compose(poses, np.sqrt(self.spread) * noise.standard_normal((n, 3)))
-            self._cover(scan, poses, self.settings.search_m)
+            self.maps.cover_scan(scan.points, poses, self.settings.search_m)
             poses, likelihoods = self.matcher.climb(scan.points, poses)
             poses[:, 2] = wrap(poses[:, 2])
             parents = self._weigh(likelihoods, noise.random())
             poses = poses[parents]
-        self._cover(scan, poses, 0.0)
+        self.maps.cover_scan(scan.points, poses)
         self.maps.add(scan.points, poses)
         self.tree.append(Generation(poses, parents, scan.points, scan.silent, scan.laser))
         fixed = self.tree.settle()
@@ -223,7 +224,3 @@ class GMapping:
         self.log_weights[:] = 0.0
         self.evidence = self.evidence[parents]
         return parents
-
-    def _cover(self, scan: Scan, poses: NDArray[np.float64], slack_m: float) -> None:
-        radius = float(np.sqrt(np.square(scan.points).sum(axis=1).max())) + slack_m
-        self.maps.cover(poses[:, :2].min(axis=0) - radius, poses[:, :2].max(axis=0) + radius)

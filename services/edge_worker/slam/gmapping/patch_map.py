@@ -62,6 +62,11 @@ class PatchMap:
         width, height = (ends - start + 1) * BLOCK // SIDE
         self.lay_out(start * BLOCK, height, width)
 
+    def cover_scan(self, points: NDArray[np.float32], poses: NDArray[np.float64], slack_m: float = 0.0) -> None:
+        """Grow the table until it covers `points` (k, 2) metres, base frame, and `slack_m` more at the poses (n, 3)."""
+        radius = float(np.sqrt(np.square(points).sum(axis=1).max())) + slack_m
+        self.cover(poses[:, :2].min(axis=0) - radius, poses[:, :2].max(axis=0) + radius)
+
     def lay_out(self, corner: NDArray[np.int64], height: int, width: int) -> None:
         """Make the table so large, with cell `corner` as its origin; it must have room for what the table holds."""
         table = np.full((len(self.table), height, width), NONE, np.int32)

@@ -23,8 +23,7 @@ def settle(settled: PatchMap, fixed: Iterable[tuple[Pose, Generation]]) -> None:
     """Generations are leaving the tree's branches, oldest first: count their hits in the map of one particle."""
     for pose, generation in fixed:
         if len(generation.points):
-            radius = float(np.sqrt(np.square(generation.points).sum(axis=1).max()))
-            settled.cover(pose[:2] - radius, pose[:2] + radius)
+            settled.cover_scan(generation.points, pose[None])
             settled.add(generation.points, pose[None], nearest=False)
 
 

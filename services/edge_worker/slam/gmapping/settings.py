@@ -6,13 +6,9 @@ comes with each frame.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-
-from common.errors import ConfigError
-from common.wire.codec import explain
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 
 class GMappingSettings(BaseModel):
@@ -73,11 +69,3 @@ class GMappingSettings(BaseModel):
         if self.reach_m > 3.0 * self.resolution_m + 1e-9:
             raise ValueError(f"reach_m is over three cells of {self.resolution_m} m; at most {3 * self.resolution_m:g}")
         return self
-
-
-def read_settings(settings: Mapping[str, Any]) -> GMappingSettings:
-    """Raises ConfigError naming the field."""
-    try:
-        return GMappingSettings(**settings)
-    except ValidationError as error:
-        raise ConfigError(f"slam.settings: {explain(error)}") from error

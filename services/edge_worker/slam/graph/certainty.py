@@ -43,17 +43,16 @@ def owed(
     return np.asarray(np.linalg.solve(trusted + np.diag(weights), pull - trusted @ np.linalg.solve(seeming, pull)))
 
 
-def holds(scan: NDArray[np.float64], motion: NDArray[np.float64]) -> bool:
-    """Does the information (3, 3) of a scan alone fix the position along `motion` (3,)?"""
+def alone(scan: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance (3, 3) of a pose by the information (3, 3) of its scan alone; what it does not hold has 1 m or rad."""
+    return np.asarray(np.linalg.inv(scan + np.diag([1.0, 1.0, 1.0])), np.float64)
+
+
+def holds(covariance: NDArray[np.float64], motion: NDArray[np.float64]) -> bool:
+    """Does a scan that alone leaves a `covariance` (3, 3) fix the position along `motion` (3,)?"""
     heading = np.array([np.cos(motion[2]) * motion[0] + np.sin(motion[2]) * motion[1],
                         np.cos(motion[2]) * motion[1] - np.sin(motion[2]) * motion[0]])  # fmt: skip
-    variance = np.linalg.inv(scan + np.diag([1.0, 1.0, 1.0]))[:2, :2]
-    return bool(heading @ variance @ heading < FIRM_M**2 * (heading @ heading))
-
-
-def heading_variance(scan: NDArray[np.float64]) -> float:
-    """Variance (rad^2) of the heading by the information (3, 3) of a scan alone."""
-    return float(np.linalg.inv(scan + np.diag([1.0, 1.0, 1.0]))[2, 2])
+    return bool(heading @ covariance[:2, :2] @ heading < FIRM_M**2 * (heading @ heading))
 
 
 def posterior(scan: NDArray[np.float64], sigma: tuple[float, float], slack: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -23,11 +23,12 @@ from services.edge_worker.slam.graph import snapshot, thinning
 from services.edge_worker.slam.graph.keyframe import Keyframe, View
 from services.edge_worker.slam.graph.loop_closer import LoopCloser
 from services.edge_worker.slam.graph.rendering import Rendering
-from services.edge_worker.slam.graph.settings import GraphSettings, read_settings
+from services.edge_worker.slam.graph.settings import GraphSettings
 from services.edge_worker.slam.graph.tracker import Match, Tracker
 from services.edge_worker.slam.graph.trajectory import Trajectory
 from services.edge_worker.slam.kernel import Estimate
 from services.edge_worker.slam.scan import Scan, ScanReader, unslipped
+from services.edge_worker.slam.settings import read_settings
 
 OPTIMISE_EVERY = 20
 """loops between optimisations, if none moves much; every other one, as a rule, looks back"""
@@ -66,7 +67,7 @@ class GraphSlam:
     @classmethod
     def create(cls, settings: Mapping[str, Any], seed: int) -> GraphSlam:
         """A new kernel; `seed` is not used, as nothing is random. Raises ConfigError naming the field."""
-        return cls(read_settings(settings))
+        return cls(read_settings(GraphSettings, settings))
 
     @property
     def corrections(self) -> Corrections:
@@ -80,10 +81,11 @@ class GraphSlam:
             return Estimate(self.pose.copy(), len(scan.points) >= self.settings.min_points)
         match = self.tracker.match(scan, self.pose, self.slack)
         self.slack = match.covariance
-        self.reader.learn(between(self.pose, match.pose), match.matched, match.firm, match.heading_sigma)
+        motion = between(self.pose, match.pose)
+        self.reader.reckoning.learn(motion, match.matched, match.firm, match.heading_sigma)
         self.pose = match.pose
         if match.slip is not None:
-            self.reader.slipped(match.slip)
+            self.reader.reckoning.slipped(match.slip)
             scan = unslipped(scan, match.slip)
         moved = self._moved(match)
         if moved > (1.0 if match.matched else LOST_SHARE):

@@ -14,10 +14,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from services.edge_worker.slam.graph.icp import NARROW_M, nearest
+from services.edge_worker.slam.graph.icp import NARROW_M, likely
 from services.edge_worker.slam.graph.keyframe import Keyframe, thin
 from services.edge_worker.slam.graph.loop import FIRM_M
 from services.edge_worker.slam.graph.submap import Submap, Target
+from services.edge_worker.slam.graph.surfels import met
 from services.edge_worker.slam.scan import Points
 
 ENOUGH = 0.5
@@ -122,13 +123,10 @@ def shares(
     for k in range(len(points)):
         px, py, bx, by = points[k, 0], points[k, 1], normals[k, 0], normals[k, 1]
         x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
-        slot = nearest(index, sums, chain, x, y, c * bx - s * by, s * bx + c * by)
+        slot, nx, ny, off = met(index, sums, chain, x, y, c * bx - s * by, s * bx + c * by)
         if slot < 0:
             continue
-        norm = np.hypot(sums[slot, 3], sums[slot, 4])
-        nx, ny = sums[slot, 3] / norm, sums[slot, 4] / norm
-        off = nx * (x - sums[slot, 1] / sums[slot, 0]) + ny * (y - sums[slot, 2] / sums[slot, 0])
-        weight = (NARROW_M**2 / (NARROW_M**2 + off * off)) ** 2
+        weight = likely(off, NARROW_M)
         along = (nx * ax + ny * ay) ** 2
         for way, square in enumerate((along, 1.0 - along)):
             known = weight * max(square - scatter, 0.0)

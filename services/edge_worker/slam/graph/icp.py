@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from common.geometry import between, compose
 from services.edge_worker.slam.graph.certainty import believed, owed
-from services.edge_worker.slam.graph.surfels import CELL, SurfelMap, faces
+from services.edge_worker.slam.graph.surfels import SurfelMap, met
 from services.edge_worker.slam.scan import Points
 
 ITERATIONS = 15
@@ -203,15 +203,12 @@ def _normal_equations(
         if size == 6:
             px, py, bx, by = _slipped(px, py, bx, by, slip, times[k])
         x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
-        slot = nearest(index, sums, chain, x, y, c * bx - s * by, s * bx + c * by)
+        slot, nx, ny, off = met(index, sums, chain, x, y, c * bx - s * by, s * bx + c * by)
         if slot < 0:
             continue
-        norm = np.hypot(sums[slot, 3], sums[slot, 4])
-        nx, ny = sums[slot, 3] / norm, sums[slot, 4] / norm
-        off = nx * (x - sums[slot, 1] / sums[slot, 0]) + ny * (y - sums[slot, 2] / sums[slot, 0])
         if abs(off) < INLIER_M:
             inliers += 1
-        weight = (scale * scale / (scale * scale + off * off)) ** 2 / NOISE_M**2
+        weight = likely(off, scale) / NOISE_M**2
         row[0], row[1] = c * nx + s * ny, -s * nx + c * ny
         row[2] = row[1] * px - row[0] * py
         if size == 6:
@@ -250,30 +247,9 @@ def _accumulate(
 
 
 @njit(cache=True)
-def nearest(
-    index: NDArray[np.int32],
-    sums: NDArray[np.float64],
-    chain: NDArray[np.int32],
-    x: float,
-    y: float,
-    nx: float,
-    ny: float,
-) -> int:
-    """The surfel with the nearest mean in the 3 x 3 cells around (x, y) that faces as (nx, ny) does; -1 for none."""
-    mask = len(index) - 1
-    i, j = int(np.floor(x / CELL)), int(np.floor(y / CELL))
-    found, best = -1, np.inf
-    for row in range(j - 1, j + 2):
-        for column in range(i - 1, i + 2):
-            slot = index[row & mask, column & mask]
-            while slot >= 0:
-                if faces(sums, slot, nx, ny):
-                    dx, dy = x - sums[slot, 1] / sums[slot, 0], y - sums[slot, 2] / sums[slot, 0]
-                    square = dx * dx + dy * dy
-                    if square < best:
-                        found, best = slot, square
-                slot = chain[slot]
-    return found
+def likely(off: float, scale: float) -> float:
+    """Robust weight, 0 to 1, of a point that lies `off` its line; `scale` in the same unit."""
+    return (scale * scale / (scale * scale + off * off)) ** 2
 
 
 @njit(cache=True)

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
-from common.errors import ConfigError
-from common.wire.codec import explain
+from pydantic import BaseModel, ConfigDict, Field
 
 
 class GraphSettings(BaseModel):
@@ -43,11 +39,3 @@ class GraphSettings(BaseModel):
     loop_radius_max_m: Annotated[float, Field(ge=0, le=50)] = 12.0
     loop_inliers: Annotated[float, Field(gt=0, le=1)] = 0.65
     """share of points that must agree with a submap for a loop to count"""
-
-
-def read_settings(settings: Mapping[str, Any]) -> GraphSettings:
-    """Raises ConfigError naming the field."""
-    try:
-        return GraphSettings(**settings)
-    except ValidationError as error:
-        raise ConfigError(f"slam.settings: {explain(error)}") from error

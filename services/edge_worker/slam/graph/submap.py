@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from services.edge_worker.slam.graph.branch_and_bound import COARSE, pyramid
 from services.edge_worker.slam.graph.keyframe import Keyframe
-from services.edge_worker.slam.graph.surfels import CELL, SurfelMap, faces
+from services.edge_worker.slam.graph.surfels import SurfelMap
 from services.edge_worker.slam.raycast import NOWHERE, trace
 from services.edge_worker.slam.scan import Points
 
@@ -48,8 +48,7 @@ class Target:
             if len(points):
                 normals = np.ascontiguousarray(frame.normals[near])
                 self.surfels.insert(points, normals, pose)
-                slot = slots(self.surfels.index, self.surfels.sums, self.surfels.chain, points, normals, pose)
-                hits.append((slot, number))
+                hits.append((self.surfels.slots(points, normals, pose), number))
                 patch, x0, y0 = trace(pose, points, frame.silent[:0], frame.laser, COARSE, NOWHERE)
                 overlay(self.seen, patch, x0, y0)
         self.levels = pyramid(self.surfels.field)
@@ -91,34 +90,6 @@ def within(points: Points, pose: NDArray[np.float64], reach: float) -> NDArray[n
         y = pose[1] + s * points[k, 0] + c * points[k, 1]
         out[k] = abs(x) < reach and abs(y) < reach
     return out
-
-
-@njit(cache=True)
-def slots(
-    index: NDArray[np.int32],
-    sums: NDArray[np.float64],
-    chain: NDArray[np.int32],
-    points: Points,
-    normals: Points,
-    pose: NDArray[np.float64],
-) -> NDArray[np.int64]:
-    """The surfels that points (n, 2) with normals (n, 2), of the frame of `pose` (3,), were inserted into."""
-    mask, count = len(index) - 1, 0
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    out = np.empty(len(points), np.int64)
-    for k in range(len(points)):
-        nx, ny = c * normals[k, 0] - s * normals[k, 1], s * normals[k, 0] + c * normals[k, 1]
-        if nx == 0.0 and ny == 0.0:
-            continue
-        i = int(np.floor((pose[0] + c * points[k, 0] - s * points[k, 1]) / CELL))
-        j = int(np.floor((pose[1] + s * points[k, 0] + c * points[k, 1]) / CELL))
-        slot = index[j & mask, i & mask]
-        while slot >= 0 and not faces(sums, slot, nx, ny):
-            slot = chain[slot]
-        if slot >= 0:
-            out[count] = slot
-            count += 1
-    return out[:count]
 
 
 @njit(cache=True)

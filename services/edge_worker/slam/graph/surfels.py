@@ -64,6 +64,10 @@ class SurfelMap:
             self.index, self.sums, self.chain, self.cells, self.count, self.field, SPLAT, points, normals, pose
         )
 
+    def slots(self, points: Points, normals: Points, pose: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The surfels (m,) of points (n, 2) with normals (n, 2) that were inserted in the frame of `pose` (3,)."""
+        return slots(self.index, self.sums, self.chain, points, normals, pose)
+
 
 @njit(cache=True)
 def forget(index: NDArray[np.int32], cells: NDArray[np.int32], field: NDArray[np.uint8]) -> None:
@@ -99,9 +103,7 @@ def insert(
         if nx == 0.0 and ny == 0.0:
             continue
         i, j = int(np.floor(x / CELL)), int(np.floor(y / CELL))
-        slot = index[j & mask, i & mask]
-        while slot >= 0 and not faces(sums, slot, nx, ny):
-            slot = chain[slot]
+        slot = at(index, sums, chain, i, j, nx, ny)
         if slot < 0:
             slot = count
             count += 1
@@ -115,6 +117,96 @@ def insert(
         sums[slot, 3] += nx
         sums[slot, 4] += ny
     return count
+
+
+@njit(cache=True)
+def slots(
+    index: NDArray[np.int32],
+    sums: NDArray[np.float64],
+    chain: NDArray[np.int32],
+    points: Points,
+    normals: Points,
+    pose: NDArray[np.float64],
+) -> NDArray[np.int64]:
+    """The surfels of the cells that points (n, 2) with normals (n, 2), of the frame of `pose` (3,), lie in."""
+    count = 0
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    out = np.empty(len(points), np.int64)
+    for k in range(len(points)):
+        nx, ny = c * normals[k, 0] - s * normals[k, 1], s * normals[k, 0] + c * normals[k, 1]
+        if nx == 0.0 and ny == 0.0:
+            continue
+        i = int(np.floor((pose[0] + c * points[k, 0] - s * points[k, 1]) / CELL))
+        j = int(np.floor((pose[1] + s * points[k, 0] + c * points[k, 1]) / CELL))
+        slot = at(index, sums, chain, i, j, nx, ny)
+        if slot >= 0:
+            out[count] = slot
+            count += 1
+    return out[:count]
+
+
+@njit(cache=True)
+def at(
+    index: NDArray[np.int32],
+    sums: NDArray[np.float64],
+    chain: NDArray[np.int32],
+    i: int,
+    j: int,
+    nx: float,
+    ny: float,
+) -> int:
+    """The surfel of cell (i, j) that faces as (nx, ny) does; -1 for none."""
+    mask = len(index) - 1
+    slot = index[j & mask, i & mask]
+    while slot >= 0 and not faces(sums, slot, nx, ny):
+        slot = chain[slot]
+    return int(slot)
+
+
+@njit(cache=True)
+def met(
+    index: NDArray[np.int32],
+    sums: NDArray[np.float64],
+    chain: NDArray[np.int32],
+    x: float,
+    y: float,
+    nx: float,
+    ny: float,
+) -> tuple[int, float, float, float]:
+    """The surfel (-1 for none) that a point at (x, y) with a normal meets, its normal, and m off its line."""
+    slot = nearest(index, sums, chain, x, y, nx, ny)
+    if slot < 0:
+        return -1, 0.0, 0.0, 0.0
+    norm = np.hypot(sums[slot, 3], sums[slot, 4])
+    wx, wy = sums[slot, 3] / norm, sums[slot, 4] / norm
+    return slot, wx, wy, wx * (x - sums[slot, 1] / sums[slot, 0]) + wy * (y - sums[slot, 2] / sums[slot, 0])
+
+
+@njit(cache=True)
+def nearest(
+    index: NDArray[np.int32],
+    sums: NDArray[np.float64],
+    chain: NDArray[np.int32],
+    x: float,
+    y: float,
+    nx: float,
+    ny: float,
+) -> int:
+    """The surfel with the nearest mean in the 3 x 3 cells around (x, y) that faces as (nx, ny) does; -1 for none."""
+    mask = len(index) - 1
+    i, j = int(np.floor(x / CELL)), int(np.floor(y / CELL))
+    found, best = -1, np.inf
+    for row in range(j - 1, j + 2):
+        for column in range(i - 1, i + 2):
+            slot = index[row & mask, column & mask]
+            while slot >= 0:
+                if faces(sums, slot, nx, ny):
+                    dx, dy = x - sums[slot, 1] / sums[slot, 0], y - sums[slot, 2] / sums[slot, 0]
+                    square = dx * dx + dy * dy
+                    if square < best:
+                        found, best = slot, square
+                slot = chain[slot]
+    return found
 
 
 @njit(cache=True)

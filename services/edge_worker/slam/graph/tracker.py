@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import between, compose
-from services.edge_worker.slam.graph.certainty import heading_variance, holds, posterior, turned
+from services.edge_worker.slam.graph.certainty import alone, holds, posterior, turned
 from services.edge_worker.slam.graph.correlate import correlate
 from services.edge_worker.slam.graph.icp import KNOWN, Alignment, Sweep, align
 from services.edge_worker.slam.graph.keyframe import Keyframe, normals, thin
@@ -98,24 +98,44 @@ class Tracker:
             return lost
         guessed = scan.velocity is not None and bool(scan.times.any())
         query = Query(scan.points[kept], facing[kept], self._sweep(scan, kept, pose) if guessed else KNOWN)
-        found, sigma, unrivalled = self._align(query, predicted, window, prior), prior, False
-        if found.inliers < GOOD_INLIERS:
-            for k, motion in enumerate((scan.motion, *scan.alternatives)):
-                wide = self._align(query, compose(pose, motion), WIDE_WINDOW, WIDE_SIGMA)
-                if wide.inliers > found.inliers + (BETTER if k == 0 else MUCH_BETTER):
-                    found, sigma, unrivalled = wide, WIDE_SIGMA, False
-                elif k == 0:
-                    unrivalled = bool((np.abs(between(found.pose, wide.pose)) < SAME_PLACE).all())
-                if found.inliers >= GOOD_INLIERS:
-                    break
+        found, sigma, unrivalled = self._found(query, scan, pose, window, prior)
         if found.inliers < self.settings.min_inliers:
             return lost
-        floor = FLOOR if unrivalled or found.inliers >= GOOD_INLIERS else DOUBTFUL_FLOOR
-        slip = found.slip if guessed and found.inliers >= GOOD_INLIERS else None
-        covariance = posterior(found.information, sigma, slack)
-        firm = found.inliers >= GOOD_INLIERS and holds(found.information, scan.motion)
-        heading_sigma = float(np.sqrt(heading_variance(found.information) + FLOOR[2, 2]))
-        return Match(found.pose, True, covariance, floor, slip, firm, heading_sigma)
+        good, known = found.inliers >= GOOD_INLIERS, alone(found.information)
+        return Match(
+            found.pose,
+            True,
+            posterior(found.information, sigma, slack),
+            FLOOR if good or unrivalled else DOUBTFUL_FLOOR,
+            found.slip if good and guessed else None,
+            good and holds(known, scan.motion),
+            float(np.sqrt(known[2, 2] + FLOOR[2, 2])),
+        )
+
+    def _found(
+        self,
+        query: Query,
+        scan: Scan,
+        pose: NDArray[np.float64],
+        window: tuple[float, float, float],
+        prior: tuple[float, float],
+    ) -> tuple[Alignment, tuple[float, float], bool]:
+        """The best match near where dead reckoning has the scan, or far and wide where that is poor.
+
+        With it the standard deviation (m, rad) of where it was looked for, and whether a wide search ended there, too.
+        """
+        found, sigma, unrivalled = self._align(query, compose(pose, scan.motion), window, prior), prior, False
+        if found.inliers >= GOOD_INLIERS:
+            return found, sigma, unrivalled
+        for k, motion in enumerate((scan.motion, *scan.alternatives)):
+            wide = self._align(query, compose(pose, motion), WIDE_WINDOW, WIDE_SIGMA)
+            if wide.inliers > found.inliers + (BETTER if k == 0 else MUCH_BETTER):
+                found, sigma, unrivalled = wide, WIDE_SIGMA, False
+            elif k == 0:
+                unrivalled = bool((np.abs(between(found.pose, wide.pose)) < SAME_PLACE).all())
+            if found.inliers >= GOOD_INLIERS:
+                break
+        return found, sigma, unrivalled
 
     def _sweep(self, scan: Scan, kept: NDArray[np.int64], pose: NDArray[np.float64]) -> Sweep:
         """How the motion in this sweep was guessed."""
