@@ -13,7 +13,10 @@ from services.edge_worker.slam.scan import Points, Scan
 from services.edge_worker.slam.surfaces import walls
 
 REACH = 2
-"""neighbours on each side that a wall's direction is fitted to"""
+"""neighbours on each side that a wall's direction is fitted to at least"""
+SPAN_M, MOST = 0.1, 24
+"""m to each side that it is fitted to where beams are dense, and neighbours at most: a shorter piece of wall shows
+little but noise, and normals that stand anyhow seem to hold a robot in a corridor, and hold it back"""
 GAP_BASE = 0.06
 """m; neighbours further apart than this and `GAP_SHARE` of their distance from the laser are two things"""
 GAP_SHARE = 0.06
@@ -80,11 +83,7 @@ def normals(points: Points, beams: NDArray[np.int32], laser: NDArray[np.float64]
     n = len(points)
     out = np.zeros((n, 2), np.float32)
     for i in range(n):
-        first = last = i
-        while first > 0 and i - first < REACH and _joined(points, beams, laser, first - 1, first):
-            first -= 1
-        while last < n - 1 and last - i < REACH and _joined(points, beams, laser, last, last + 1):
-            last += 1
+        first, last = _end(points, beams, laser, i, -1), _end(points, beams, laser, i, 1)
         count = last - first + 1
         if count < 3:
             continue
@@ -109,6 +108,20 @@ def normals(points: Points, beams: NDArray[np.int32], laser: NDArray[np.float64]
             nx, ny = -nx, -ny
         out[i, 0], out[i, 1] = nx, ny
     return out
+
+
+@njit(cache=True)
+def _end(points: Points, beams: NDArray[np.int32], laser: NDArray[np.float64], i: int, step: int) -> int:
+    """The last point on one side of point i (`step` -1 or 1) that the direction of its wall is fitted to."""
+    k = i
+    while abs(k - i) < MOST and 0 <= k + step < len(points):
+        across = np.hypot(points[k, 0] - points[i, 0], points[k, 1] - points[i, 1])
+        if abs(k - i) >= REACH and across >= SPAN_M:
+            break
+        if not _joined(points, beams, laser, min(k, k + step), max(k, k + step)):
+            break
+        k += step
+    return k
 
 
 @njit(cache=True)

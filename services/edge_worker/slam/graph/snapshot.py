@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from services.edge_worker.slam.graph.graph_slam import GraphSlam
 
 KERNEL = "graph"
-VERSION = 7
+VERSION = 8
 MOST_BYTES = 1 << 30
 """of an unpacked body"""
 
