@@ -10,13 +10,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from services.edge_worker.slam.scan import Points, Scan
-from services.edge_worker.slam.surfaces import walls
+from services.edge_worker.slam.surfaces import noise, walls
 
 REACH = 2
 """neighbours on each side that a wall's direction is fitted to at least"""
+SURE = 0.15
+"""rad, standard deviation of the direction that so many neighbours may leave, by the scan's noise, seen square on"""
 SPAN_M, MOST = 0.1, 24
-"""m to each side that it is fitted to where beams are dense, and neighbours at most: a shorter piece of wall shows
-little but noise, and normals that stand anyhow seem to hold a robot in a corridor, and hold it back"""
+"""else it is fitted to all neighbours so far off on each side, and so many at most: beams that are dense for their
+noise give normals that stand anyhow, and seem to hold a robot in a corridor, and hold it back"""
 GAP_BASE = 0.06
 """m; neighbours further apart than this and `GAP_SHARE` of their distance from the laser are two things"""
 GAP_SHARE = 0.06
@@ -73,17 +75,37 @@ class Keyframe:
         return cls(scan.points, facing, scan.beams, scan.silent, scan.laser, views)
 
 
-@njit(cache=True)
 def normals(points: Points, beams: NDArray[np.int32], laser: NDArray[np.float64]) -> Points:
     """Unit normals (n, 2) towards the laser of lines fitted to each point and its neighbours in angle.
 
     `points` (n, 2), `beams` (n,) rising, `laser` (2,). A point without two near neighbours, or in a rough place,
     gets zeros.
     """
+    arms = points - laser
+    ranges = np.maximum(np.hypot(arms[:, 0], arms[:, 1]), TINY)
+    c, s = arms[:, 0] / ranges, arms[:, 1] / ranges
+    return fitted(points, beams, laser, c, s, noise(ranges, c, s, beams))
+
+
+@njit(cache=True)
+def fitted(
+    points: Points,
+    beams: NDArray[np.int32],
+    laser: NDArray[np.float64],
+    c: NDArray[np.float64],
+    s: NDArray[np.float64],
+    share: float,
+) -> Points:
+    """Normals as above, of beams at cosines (n,) and sines (n,) that err by a `share` of their ranges."""
     n = len(points)
     out = np.zeros((n, 2), np.float32)
     for i in range(n):
-        first, last = _end(points, beams, laser, i, -1), _end(points, beams, laser, i, 1)
+        first, last = _end(points, beams, laser, i, -1, 0.0), _end(points, beams, laser, i, 1, 0.0)
+        square = 0.0
+        for k in range(first, last + 1):
+            square += (c[k] * s[i] - s[k] * c[i]) ** 2
+        if share * share > SURE * SURE * square:
+            first, last = _end(points, beams, laser, i, -1, SPAN_M), _end(points, beams, laser, i, 1, SPAN_M)
         count = last - first + 1
         if count < 3:
             continue
@@ -111,12 +133,12 @@ def normals(points: Points, beams: NDArray[np.int32], laser: NDArray[np.float64]
 
 
 @njit(cache=True)
-def _end(points: Points, beams: NDArray[np.int32], laser: NDArray[np.float64], i: int, step: int) -> int:
-    """The last point on one side of point i (`step` -1 or 1) that the direction of its wall is fitted to."""
+def _end(points: Points, beams: NDArray[np.int32], laser: NDArray[np.float64], i: int, step: int, span: float) -> int:
+    """The last point on one side of point i (`step` -1 or 1) that its wall's direction is fitted to, `span` m off."""
     k = i
     while abs(k - i) < MOST and 0 <= k + step < len(points):
         across = np.hypot(points[k, 0] - points[i, 0], points[k, 1] - points[i, 1])
-        if abs(k - i) >= REACH and across >= SPAN_M:
+        if abs(k - i) >= REACH and across >= span:
             break
         if not _joined(points, beams, laser, min(k, k + step), max(k, k + step)):
             break
