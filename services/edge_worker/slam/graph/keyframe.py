@@ -14,7 +14,7 @@ from services.edge_worker.slam.surfaces import noise, walls
 
 REACH = 2
 """neighbours on each side that a wall's direction is fitted to at least"""
-SURE = 0.25
+SURE = 0.35
 """rad, standard deviation of the direction that so many neighbours may leave, by the scan's noise, seen square on"""
 SPAN_M, MOST = 0.1, 24
 """else it is fitted to all neighbours so far off on each side, and so many at most: beams that are dense for their
