@@ -1,9 +1,10 @@
 """Graph SLAM in big buildings that look alike, with bad wheels: every accepted loop is held against the truth.
 
     python -m bench.slam_closures [--seeds 10 | --seed 4 --seed 10] [--lidar rplidar_a1|sick] [--noise hostile]
-        [--sensors wheels|all]
+        [--sensors wheels|all] [--bitmap FILE --width METRES]
 
-Each seed is another office floor of 150 x 100 m with 1.5 km of route, and another robot. A loop is wrong where it is
+Each seed is another office floor of 150 x 100 m with 1.5 km of route, and another robot; or, in a world drawn as a
+bitmap so many metres wide, a random walk of four minutes. A loop is wrong where it is
 off by more than `WRONG_M` and three of its own standard deviations in a direction, or by more than `WRONG_RAD`: one
 that slid along a corridor and says so is not. CPU time throughout.
 """
@@ -25,6 +26,8 @@ from common.evaluation.trajectory import absolute_error
 from common.geometry import between
 from common.geometry.pose_graph import PoseGraph
 from common.sim import SimulatedRobot, load_scene
+from common.sim.bitmap import load_bitmap
+from common.sim.scene import Scene
 from services.edge_worker.slam.graph.graph_slam import GraphSlam
 from services.edge_worker.slam.graph.keyframe import Keyframe
 from services.edge_worker.slam.graph.loop import Loop
@@ -34,6 +37,7 @@ from services.robot_agent.packing import pack
 
 WRONG_M, WRONG_RAD = 0.2, 0.05
 SPEED_MPS = 1.0
+WALK_MPS, WALK_S = 0.6, 240.0
 OUT = Path("results/slam_closures.json")
 
 
@@ -76,7 +80,11 @@ def main() -> None:
     parser.add_argument("--lidar", default="rplidar_a1")
     parser.add_argument("--noise", default="hostile")
     parser.add_argument("--sensors", choices=["wheels", "all"], default="wheels", help="`all`: a gyro, too")
+    parser.add_argument("--bitmap", type=Path, help="a world as a picture instead of offices")
+    parser.add_argument("--width", type=float, help="its width, m")
     arguments = parser.parse_args()
+    if (arguments.bitmap is None) != (arguments.width is None):
+        parser.error("--bitmap and --width go together")
     warmup()
     rows = []
     for row in runs(arguments):
@@ -90,16 +98,30 @@ def main() -> None:
 
 def runs(arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
     for seed in arguments.seed or range(1, arguments.seeds + 1):
+        walks = arguments.bitmap is not None
         robot = SimulatedRobot(
-            load_scene(f"office:{seed}"),
-            "r1",
+            pictured(arguments.bitmap, arguments.width) if walks else load_scene(f"office:{seed}"),
+            f"w{seed}" if walks else "r1",
             seed,
             lidar=arguments.lidar,
-            speed_mps=SPEED_MPS,
+            speed_mps=WALK_MPS if walks else SPEED_MPS,
+            duration_s=WALK_S if walks else None,
             noise=arguments.noise,
             imu=arguments.sensors == "all",
         )
-        yield {"seed": seed, "lidar": arguments.lidar, "noise": arguments.noise, **drive(robot)}
+        yield {
+            "world": robot.scene.name,
+            "seed": seed,
+            "lidar": arguments.lidar,
+            "noise": arguments.noise,
+            **drive(robot),
+        }
+
+
+def pictured(path: Path, width: float) -> Scene:
+    """A bitmap as a world `width` m wide, walled in at its edge."""
+    world, start = load_bitmap(path, width, border=True)
+    return Scene(path.name.partition(".")[0], world, start)
 
 
 def drive(robot: SimulatedRobot) -> dict[str, Any]:
@@ -136,7 +158,8 @@ def drive(robot: SimulatedRobot) -> dict[str, Any]:
 def line(row: dict[str, Any]) -> str:
     loop_m = " / ".join(f"{m:.3f}" for m in row["loop_m"]) or "-"
     return (
-        f"office:{row['seed']:<2d} {row['lidar']} {row['noise']}  {row['frames']} frames {row['frames_per_s']:.0f}/s  "
+        f"{row['world']}:{row['seed']:<2d} {row['lidar']} {row['noise']}  "
+        f"{row['frames']} frames {row['frames_per_s']:.0f}/s  "
         f"error {row['mean_m']:.3f} m mean {row['rmse_m']:.3f} rms {row['max_m']:.3f} max {row['degrees']:.2f} deg  "
         f"loops {row['loops']} off {loop_m} m (p50 / p95 / max), {row['wrong']} wrong"
     )

@@ -112,7 +112,7 @@ class SimSource(Section):
     scene: str
     route: str = ""
     """a route of the scene by name; empty: the one named like the robot, or a seeded random walk"""
-    lidar: Literal["lds01", "rplidar_a1", "sick"] = "rplidar_a1"
+    lidar: Literal["lds01", "rplidar_a1", "sick", "urg04lx", "utm30lx"] = "rplidar_a1"
     duration_s: Annotated[float, Field(gt=0)] | None = None
     """simulated seconds; None: until the route ends"""
     speed_mps: Annotated[float, Field(gt=0)] = 0.5

@@ -69,6 +69,13 @@ LIDARS: dict[str, Lidar] = {
     "rplidar_a1": Lidar(_turning(0.15, 12.0, 5.5, -np.pi), 360, 5.5, 0.005, 0.01, 0.06, 0.01),
     # the mirror turns 75 times a second and looks ahead for half a turn; one sweep in 7.5 is passed on
     "sick": Lidar(LaserGeometry(-np.pi / 2, np.pi / 180, 0.02, 80.0, 1 / 75 / 360), 180, 10.0, 0.01, 0.0, 0.01, 0.002),
+    "urg04lx": Lidar(
+        LaserGeometry(-2 * np.pi / 3, 2 * np.pi / 1024, 0.06, 5.6, 1 / 10 / 1024), 683, 10.0, 0.01, 0.01, 0.05, 0.01
+    ),
+    # the mirror turns 40 times a second; one sweep in four is passed on
+    "utm30lx": Lidar(
+        LaserGeometry(-3 * np.pi / 4, np.pi / 720, 0.1, 30.0, 1 / 40 / 1440), 1081, 10.0, 0.015, 0.002, 0.04, 0.002
+    ),
 }
 
 

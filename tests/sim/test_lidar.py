@@ -20,6 +20,7 @@ def still(x: float, y: float, theta: float = 0.0) -> Track:
 
 @pytest.mark.parametrize(("name", "beams", "reach", "rate"), [
     ("lds01", 360, 3.5, 5.0), ("rplidar_a1", 360, 12.0, 5.5), ("sick", 180, 80.0, 10.0),
+    ("urg04lx", 683, 5.6, 10.0), ("utm30lx", 1081, 30.0, 10.0),
 ])  # fmt: skip
 def test_lasers_are_what_their_makers_say(name: str, beams: int, reach: float, rate: float) -> None:
     lidar = lidar_named(name)

@@ -34,7 +34,7 @@ def test_another_seed_gives_other_noise_on_the_same_route() -> None:
     np.testing.assert_array_equal(SimulatedRobot(SCENE, "r2", 8).pose(9.0), SimulatedRobot(SCENE, "r2", 7).pose(9.0))
 
 
-@pytest.mark.parametrize("lidar", ["lds01", "rplidar_a1", "sick"])
+@pytest.mark.parametrize("lidar", ["lds01", "rplidar_a1", "sick", "urg04lx", "utm30lx"])
 def test_sweeps_come_at_the_lasers_rate_and_end_within_the_duration(lidar: str) -> None:
     robot = SimulatedRobot(SCENE, "r2", 7, lidar=lidar, duration_s=20.0)
     sweeps = list(robot.sweeps())
