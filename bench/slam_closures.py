@@ -5,8 +5,8 @@
 
 Each seed is another office floor of 150 x 100 m with 1.5 km of route, and another robot; or, in a world drawn as a
 bitmap so many metres wide, a random walk of four minutes. A loop is wrong where it is off by more than `WRONG_M` and
-three of its own standard deviations in a direction, or by more than `WRONG_RAD`: one that slid along a corridor and says
-so is not. CPU time throughout.
+three of its own standard deviations in a direction, or by more than `WRONG_RAD`: one that slid along a corridor and
+says so is not. CPU time throughout.
 """
 
 from __future__ import annotations
