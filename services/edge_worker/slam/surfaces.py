@@ -47,9 +47,7 @@ def walls(points: Points, beams: NDArray[np.int32], laser: NDArray[np.float64]) 
     """
     if len(points) < FEWEST:
         return points, np.zeros(len(points), np.bool_)
-    arms = points - laser
-    ranges = np.maximum(np.hypot(arms[:, 0], arms[:, 1]), LEAST)
-    c, s = arms[:, 0] / ranges, arms[:, 1] / ranges
+    ranges, c, s = polar(points, laser)
     sigma = np.clip(noise(ranges, c, s, beams) * ranges, LEAST, LARGEST)
     cut = np.ones(len(points), np.bool_)
     cut[1:] = np.diff(beams) > DROPPED + 1
@@ -57,6 +55,15 @@ def walls(points: Points, beams: NDArray[np.int32], laser: NDArray[np.float64]) 
     ends = np.asarray(laser + fitted[:, None] * np.stack([c, s], axis=1), np.float32)
     joined[:-1] &= np.hypot(*np.diff(ends, axis=0).T) < BRIDGED
     return ends, joined
+
+
+def polar(
+    points: Points, laser: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Ranges (n,) in m, never less than any is known to, and cosines and sines (n,) of bearings of `points` (n, 2)."""
+    arms = points - laser
+    ranges = np.maximum(np.hypot(arms[:, 0], arms[:, 1]), LEAST)
+    return ranges, arms[:, 0] / ranges, arms[:, 1] / ranges
 
 
 @njit(cache=True)

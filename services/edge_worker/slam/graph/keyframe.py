@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from services.edge_worker.slam.scan import Points, Scan
-from services.edge_worker.slam.surfaces import noise, walls
+from services.edge_worker.slam.surfaces import noise, polar, walls
 
 REACH = 2
 """neighbours on each side that a wall's direction is fitted to at least"""
@@ -81,9 +81,7 @@ def normals(points: Points, beams: NDArray[np.int32], laser: NDArray[np.float64]
     `points` (n, 2), `beams` (n,) rising, `laser` (2,). A point without two near neighbours, or in a rough place,
     gets zeros.
     """
-    arms = points - laser
-    ranges = np.maximum(np.hypot(arms[:, 0], arms[:, 1]), TINY)
-    c, s = arms[:, 0] / ranges, arms[:, 1] / ranges
+    ranges, c, s = polar(points, laser)
     return fitted(points, beams, laser, c, s, noise(ranges, c, s, beams))
 
 
