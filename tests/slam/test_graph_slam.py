@@ -9,14 +9,9 @@ from graph_cases import changed, driven, error, robot, run
 from common.errors import ConfigError
 from common.evaluation.maps import wall_thickness
 from common.evaluation.trajectory import absolute_error
-from common.geometry import between
-from common.sim import SimulatedRobot
-from common.sim.scene import Scene
-from common.sim.world import Plan
 from common.wire import Frame
 from services.edge_worker.slam.graph.graph_slam import GraphSlam
 from services.edge_worker.slam.kernel import create
-from services.robot_agent.packing import pack
 
 
 @pytest.mark.parametrize(
@@ -169,19 +164,6 @@ def test_wheels_that_err_in_distance_are_found_out() -> None:
         for f in driven(noise="none")
     ]
     assert run(frames).reader.reckoning.wheels.scale == pytest.approx(1 / 1.08, abs=0.01)
-
-
-def test_dense_noisy_beams_do_not_hold_a_robot_back_in_a_corridor() -> None:
-    """1.2 m wide, no end in sight: only the wheels tell how far the robot went."""
-    plan = Plan()
-    plan.room(0.0, -0.6, 24.0, 0.6)
-    scene = Scene("corridor", plan.world(), (7.0, 0.0), {"along": np.array([[7.0, 0.0], [17.0, 0.0]])})
-    driver = SimulatedRobot(scene, "r1", 1, lidar="urg04lx", route="along", noise="none", imu=False)
-    kernel = run([pack(sweep, "r1", "0" * 32, seq) for seq, sweep in enumerate(driver.sweeps())])
-    rows = kernel.trajectory()[[0, -1]]
-    (begin, end), (before, after) = driver.poses(rows[:, 0]), rows[:, 1:]
-    assert end[0] - begin[0] > 9.0
-    assert between(before, after) == pytest.approx(between(begin, end), abs=0.1)
 
 
 def test_no_submap_spans_a_break_of_tracking() -> None:
