@@ -98,24 +98,17 @@ def main() -> None:
 
 def runs(arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
     for seed in arguments.seed or range(1, arguments.seeds + 1):
-        walks = arguments.bitmap is not None
-        robot = SimulatedRobot(
-            pictured(arguments.bitmap, arguments.width) if walks else load_scene(f"office:{seed}"),
-            f"w{seed}" if walks else "r1",
-            seed,
-            lidar=arguments.lidar,
-            speed_mps=WALK_MPS if walks else SPEED_MPS,
-            duration_s=WALK_S if walks else None,
-            noise=arguments.noise,
-            imu=arguments.sensors == "all",
-        )
-        yield {
-            "world": robot.scene.name,
-            "seed": seed,
+        told: dict[str, Any] = {
             "lidar": arguments.lidar,
             "noise": arguments.noise,
-            **drive(robot),
+            "imu": arguments.sensors == "all",
         }
+        if arguments.bitmap is None:
+            robot = SimulatedRobot(load_scene(f"office:{seed}"), "r1", seed, speed_mps=SPEED_MPS, **told)
+        else:
+            world = pictured(arguments.bitmap, arguments.width)
+            robot = SimulatedRobot(world, f"w{seed}", seed, speed_mps=WALK_MPS, duration_s=WALK_S, **told)
+        yield {"world": robot.scene.name, "seed": seed, **told, **drive(robot)}
 
 
 def pictured(path: Path, width: float) -> Scene:
@@ -158,7 +151,7 @@ def drive(robot: SimulatedRobot) -> dict[str, Any]:
 def line(row: dict[str, Any]) -> str:
     loop_m = " / ".join(f"{m:.3f}" for m in row["loop_m"]) or "-"
     return (
-        f"{row['world']}:{row['seed']:<2d} {row['lidar']} {row['noise']}  "
+        f"{row['world']} seed {row['seed']} {row['lidar']} {row['noise']}  "
         f"{row['frames']} frames {row['frames_per_s']:.0f}/s  "
         f"error {row['mean_m']:.3f} m mean {row['rmse_m']:.3f} rms {row['max_m']:.3f} max {row['degrees']:.2f} deg  "
         f"loops {row['loops']} off {loop_m} m (p50 / p95 / max), {row['wrong']} wrong"
