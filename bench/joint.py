@@ -37,7 +37,7 @@ from common.sim import SimulatedRobot, load_scene
 from common.sim.truth import visible_walls
 from common.wire import Warp
 from services.edge_worker.fusion_host import VOTES
-from services.edge_worker.slam.kernel import create
+from services.edge_worker.slam.registry import create
 from services.robot_agent.packing import pack
 
 RESOLUTION_M = 0.05

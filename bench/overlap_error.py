@@ -12,7 +12,7 @@ from common.grid.raster import Raster
 from common.sim.robot import SimulatedRobot
 from common.sim.scene import load_scene
 from common.sim.truth import visible_area
-from services.edge_worker.slam.kernel import create
+from services.edge_worker.slam.registry import create
 from services.robot_agent.packing import pack
 from services.scheduler.overlap import Footprint, cells_of_points, cells_of_raster, cells_of_route, overlap_matrix
 

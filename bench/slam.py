@@ -33,7 +33,8 @@ from common.formats.tum import write_trajectory
 from common.sim import SimulatedRobot, load_scene
 from common.sweep import Sweep
 from common.wire import Frame
-from services.edge_worker.slam.kernel import Kernel, create
+from services.edge_worker.slam.kernel import Kernel
+from services.edge_worker.slam.registry import create
 from services.edge_worker.slam.warmup import warmup
 from services.robot_agent.packing import pack
 

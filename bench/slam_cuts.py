@@ -21,7 +21,7 @@ from common.formats.segments import cut, hide_start
 from common.fusion.matchmap import MatchMap
 from common.fusion.overlap import shared_area
 from common.geometry import between
-from services.edge_worker.slam.kernel import create
+from services.edge_worker.slam.registry import create
 from services.robot_agent.packing import pack
 
 LOGS = {

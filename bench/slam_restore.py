@@ -14,7 +14,8 @@ import numpy as np
 
 from bench.slam import sweeps
 from common.wire import Frame
-from services.edge_worker.slam.kernel import Kernel, create
+from services.edge_worker.slam.kernel import Kernel
+from services.edge_worker.slam.registry import create
 from services.edge_worker.slam.warmup import warmup
 from services.robot_agent.packing import pack
 

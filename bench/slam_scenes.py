@@ -32,8 +32,8 @@ from common.sim import SimulatedRobot, load_scene
 from common.sim.lidar import true_ranges
 from common.sim.truth import visible_walls
 from common.sweep import Sweep
-from services.edge_worker.slam.kernel import create
 from services.edge_worker.slam.raycast import Canvas
+from services.edge_worker.slam.registry import create
 from services.edge_worker.slam.surfaces import walls
 from services.edge_worker.slam.warmup import warmup
 from services.robot_agent.packing import pack

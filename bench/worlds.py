@@ -30,7 +30,7 @@ from common.fusion.picture import overlay, write_png
 from common.geometry import between
 from common.sim import SimulatedRobot, load_scene
 from common.sim.scene import Scene
-from services.edge_worker.slam.kernel import create
+from services.edge_worker.slam.registry import create
 from services.robot_agent.packing import pack
 
 SCENES = ("symmetric", "asymmetric", "two_rooms", "prototype", "apartment")

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from common.fusion.check import check
 from common.service import arguments, load_fleet, open_bus, run
 from services.edge_worker.service import EdgeWorker
-from services.edge_worker.slam.kernel import create
+from services.edge_worker.slam.registry import create
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -11,7 +11,7 @@ from common.evaluation.maps import wall_thickness
 from common.evaluation.trajectory import absolute_error
 from common.wire import Frame
 from services.edge_worker.slam.graph.graph_slam import GraphSlam
-from services.edge_worker.slam.kernel import create
+from services.edge_worker.slam.registry import create
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from common.grid.render import render
 from common.grid.standing import MarkedMap, stands
 from common.sim import SimulatedRobot, load_scene
 from common.sim.scene import Scene
-from services.edge_worker.slam.kernel import create
+from services.edge_worker.slam.registry import create
 from services.robot_agent.packing import pack
 
 CELL_M = 0.05

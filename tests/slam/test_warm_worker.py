@@ -13,7 +13,7 @@ from numba.core.dispatcher import Dispatcher
 from common.grid.standing import stands
 from common.sim import SimulatedRobot, load_scene
 from services.edge_worker.slam.host import SlamHost
-from services.edge_worker.slam.kernel import create
+from services.edge_worker.slam.registry import create
 from services.robot_agent.packing import pack
 
 def loaded():

@@ -18,7 +18,8 @@ from common.grid.standing import MarkedMap, Places, stands
 from common.grid.tiles import encode_counts, encode_occupancy
 from common.grid.versions import first_version
 from common.wire import Frame, TrajectoryPage, decode, encode
-from services.edge_worker.slam.kernel import Kernel, create
+from services.edge_worker.slam.kernel import Kernel
+from services.edge_worker.slam.registry import create
 
 RECENT_S = 10.0
 """time over which the mean of a scan is taken: where CPU time is limited, most scans take no longer, but some do"""

@@ -9,7 +9,7 @@ import numpy as np
 from common.grid.standing import stands
 from common.wire import Frame, LaserScan
 from services.edge_worker.slam.corrections import median_step
-from services.edge_worker.slam.kernel import create
+from services.edge_worker.slam.registry import create
 
 BEAMS = (90, 360)
 """of each lap: scans with few points are compiled code of their own, where those with many are thinned"""
