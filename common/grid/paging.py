@@ -3,7 +3,7 @@ whoever has taken all pages has the whole of the last page's version."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -12,6 +12,8 @@ from common.grid.grid import Grid, TileKey
 from common.grid.tiles import encode_counts
 from common.grid.versions import life_of
 
+LONGEST = 18
+"""digits of a number in a query: with any more it may not fit into 64 bits"""
 TileData = tuple[int, int, int, bytes]
 """x, y, version, encoded cells"""
 
@@ -68,3 +70,11 @@ def parse_cursor(cursor: str) -> tuple[int, TileKey]:
     except ValueError:
         raise UsageError(f"cursor {cursor!r} is none of ours: pass the `next` of the page before") from None
     return version, (x, y)
+
+
+def parse_number(params: Mapping[str, str], name: str) -> int:
+    """A query's parameter that counts from 0, where it is left out 0. Raises UsageError when it is no such number."""
+    text = params.get(name, "0")
+    if not (text.isascii() and text.isdigit() and len(text) <= LONGEST):
+        raise UsageError(f"parameter {name}={text[:40]!r} is no version or row: pass one that you were told, or 0")
+    return int(text)

@@ -68,11 +68,6 @@ class Worker:
         return await asyncio.shield(self._ready)
 
     @property
-    def pending(self) -> int:
-        """Calls sent and not answered."""
-        return len(self._waiting)
-
-    @property
     def at_work(self) -> tuple[int, str] | None:
         """Number and method of the call that the process works on; None when it has none."""
         return next(((number, method) for number, (method, _) in self._waiting.items()), None)
@@ -83,9 +78,9 @@ class Worker:
         if self.gone.is_set() or self._writer is None:
             raise WorkerDied(f"worker {self.process.pid} ({self.target}) has ended")
         request_id = next(self._ids)
+        data = msgpack.packb([request_id, method, arguments])  # what cannot be sent must not count as sent
         future: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         self._waiting[request_id] = method, future
-        data = msgpack.packb([request_id, method, arguments])
         self._writer.write(HEAD.pack(len(data)) + data)
         try:
             with contextlib.suppress(ConnectionError):  # the reader task tells of the death

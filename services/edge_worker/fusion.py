@@ -11,6 +11,7 @@ from common.bus import Bus, keys
 from common.bus.tiles import TILE_BYTES, fetch_tiles, tile_page
 from common.config import Fleet
 from common.errors import PeerError, WorkerDied
+from common.grid.paging import parse_number
 from common.link import LinkMeter
 from common.wire import Component, Cover, EdgeMapNotice, MapNotice, Message, Routes, Transforms, decode, encode
 from common.workers import Worker, WorkerError
@@ -162,7 +163,7 @@ class Fusion:
             raise PeerError("no edge map yet: nothing has been fused here", f"edge/{self._edge}")
         page = await self._call(
             "tiles",
-            since=int(params.get("since", "0")),
+            since=parse_number(params, "since"),
             cursor=params.get("cursor", ""),
             limit_bytes=TILE_BYTES,
         )

@@ -8,7 +8,8 @@ from typing import Any
 
 from common.bus import Bus, keys
 from common.bus.tiles import TILE_BYTES, tile_page
-from common.errors import PeerError, WorkerDied
+from common.errors import PeerError, UsageError, WorkerDied
+from common.grid.paging import parse_number
 from common.wire import Cover, Epoch, MapNotice, Message, decode
 from common.workers import WorkerError
 from services.edge_worker.instance import Instance, Phase
@@ -77,12 +78,14 @@ class RobotMaps:
     async def _tiles(self, key: str, params: Mapping[str, str]) -> Message:
         robot, instance = self._instance(key)
         kind = params.get("kind", "counts")
+        if kind not in ("counts", "occupancy"):
+            raise UsageError(f"parameter kind={kind[:40]!r} is none: ask for counts or occupancy")
         page: dict[str, Any] = await self._pool.call(
             instance.worker,
             "tiles",
             robot=robot,
             kind=kind,
-            since=int(params.get("since", "0")),
+            since=parse_number(params, "since"),
             cursor=params.get("cursor", ""),
             limit_bytes=TILE_BYTES,
         )
@@ -92,7 +95,7 @@ class RobotMaps:
 
     async def _trajectory(self, key: str, params: Mapping[str, str]) -> Message:
         robot, instance = self._instance(key)
-        start = int(params.get("cursor", params.get("from", "0")))
+        start = parse_number(params, "cursor" if "cursor" in params else "from")
         return decode(await self._pool.call(instance.worker, "trajectory", robot=robot, start=start))
 
     def _instance(self, key: str) -> tuple[str, Instance]:

@@ -54,6 +54,13 @@ async def test_what_can_wait_and_fails_does_not_end_the_worker(worker: Worker) -
     assert await worker.call("add", a=1, b=2) == 3
 
 
+async def test_a_call_that_cannot_be_sent_is_not_taken_for_one_being_worked_on(worker: Worker) -> None:
+    with pytest.raises(OverflowError):
+        await worker.call("add", a=1 << 64, b=1)
+    assert worker.at_work is None
+    assert await worker.call("add", a=1, b=2) == 3
+
+
 async def test_private_methods_cannot_be_called(worker: Worker) -> None:
     with pytest.raises(WorkerError, match="not to be called"):
         await worker.call("__init__")
