@@ -7,20 +7,24 @@ matter which edge has made a checkpoint: any instance of the stream may go on fr
 from __future__ import annotations
 
 import asyncio
+import errno
 import hashlib
 import os
 import re
+import secrets
+from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import msgpack
 
 from common.errors import BadFile, ConfigError
 from services.edge_worker.checkpoint import Checkpoint
 
-FORMAT = 1
+FORMAT = 2
 COPIES = 2
 """of a stream: the one before is of use when the newest is damaged"""
+FIELDS = ("stream", "seq", "gaps", "skipped")
 MOST_BYTES = 1 << 30
 NAME = re.compile(r"(?P<stream>[0-9a-f]{32})-(?P<seq>[0-9]+)\.checkpoint")
 
@@ -41,7 +45,10 @@ class Checkpoints(Protocol):
         ...
 
     async def newest(self, robot: str, stream: str) -> tuple[list[Kept], list[str]]:
-        """What there is of the stream ("": of any), newest first, and what is wrong with what cannot be read."""
+        """What there is of the stream ("": of any), newest first, and what is wrong with what cannot be read.
+
+        Raises OSError when nobody can tell what there is.
+        """
         ...
 
 
@@ -84,9 +91,11 @@ class OnDisk:
 
     def _write(self, robot: str, kept: Kept) -> None:
         folder, told = self._folder / robot, kept.checkpoint
+        if len(kept.snapshot) > MOST_BYTES:
+            raise OSError(errno.EFBIG, f"a snapshot of {len(kept.snapshot)} bytes is over the limit of {MOST_BYTES}")
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{told.stream}-{told.seq}.checkpoint"
-        part = path.with_suffix(f".part-{os.getpid()}")
+        part = path.with_suffix(f".part-{secrets.token_hex(8)}")  # process ids of two edges may be the same
         try:
             with part.open("wb") as file:
                 file.write(_packed(kept))
@@ -98,7 +107,8 @@ class OnDisk:
             raise
         _sync(folder)
         for old in self._files(robot, told.stream)[COPIES:]:
-            old.unlink(missing_ok=True)
+            if old != path:  # those of more frames may be of another kernel, and refused
+                old.unlink(missing_ok=True)
 
     def _read(self, robot: str, stream: str) -> tuple[list[Kept], list[str]]:
         found, wrong = [], []
@@ -114,7 +124,11 @@ class OnDisk:
     def _files(self, robot: str, stream: str) -> list[Path]:
         """Of the stream, that with most frames first; without one, of the stream that was written to last."""
         folder = self._folder / robot
-        named = [(path, match) for path in folder.glob("*.checkpoint") if (match := NAME.fullmatch(path.name))]
+        try:
+            names = os.listdir(folder)
+        except (FileNotFoundError, NotADirectoryError):
+            names = []
+        named = [(folder / name, match) for name in names if (match := NAME.fullmatch(name))]
         if not stream:
             stream = max(((_written(path), match["stream"]) for path, match in named), default=(0.0, ""))[1]
         of_stream = [(int(match["seq"]), path) for path, match in named if match["stream"] == stream]
@@ -122,9 +136,9 @@ class OnDisk:
 
 
 def _packed(kept: Kept) -> bytes:
-    told, checksum = kept.checkpoint, hashlib.sha256(kept.snapshot).hexdigest()
-    header = {"stream": told.stream, "seq": told.seq, "gaps": told.gaps, "skipped": told.skipped}
-    return bytes(msgpack.packb([{"format": FORMAT, "sha256": checksum, **header}, kept.snapshot]))
+    told = asdict(kept.checkpoint)
+    checksum = _checksum(told, kept.snapshot)
+    return bytes(msgpack.packb([{"format": FORMAT, "sha256": checksum, **told}, kept.snapshot]))
 
 
 def _unpacked(path: Path) -> Kept:
@@ -133,17 +147,25 @@ def _unpacked(path: Path) -> Kept:
         header, snapshot = msgpack.unpackb(path.read_bytes(), max_bin_len=MOST_BYTES)
         if header["format"] != FORMAT:
             raise BadFile(f"{path}: format {header['format']!r}, this program reads {FORMAT}; upgrade the older side")
-        if hashlib.sha256(snapshot).hexdigest() != header["sha256"]:
+        told = {name: header[name] for name in FIELDS}
+        if _checksum(told, snapshot) != header["sha256"]:
             raise BadFile(f"{path}: damaged; the robot's map is made from an older one, or from its spool")
-        return Kept(Checkpoint(**{name: header[name] for name in ("stream", "seq", "gaps", "skipped")}), snapshot)
+        return Kept(Checkpoint(**told), snapshot)
     except (ValueError, TypeError, KeyError, msgpack.exceptions.UnpackException) as error:
         raise BadFile(f"{path}: no checkpoint ({error!r}); the robot's map is made without it") from error
+
+
+def _checksum(told: dict[str, Any], snapshot: bytes) -> str:
+    """Over all that an instance goes on from: how far it had come as well as its kernel."""
+    sha = hashlib.sha256(msgpack.packb(told))
+    sha.update(snapshot)
+    return sha.hexdigest()
 
 
 def _written(path: Path) -> float:
     try:
         return path.stat().st_mtime
-    except FileNotFoundError:
+    except OSError:  # reading it tells what is wrong, if it is still there
         return 0.0
 
 

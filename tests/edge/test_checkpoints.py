@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from pathlib import Path
 
+import msgpack
 import pytest
 from edge_samples import OTHER, STREAM
 
@@ -60,6 +62,58 @@ async def test_a_damaged_checkpoint_is_told_and_the_one_before_is_taken(damage: 
     found, (problem,) = await store.newest("r1", STREAM)
     assert found == [kept(1)]
     assert str(newest) in problem
+
+
+async def test_what_has_just_been_kept_stays_when_those_of_more_frames_are_of_another_kernel(tmp_path: Path) -> None:
+    store = OnDisk(tmp_path)
+    for seq in (1000, 2000, 700, 1400):  # the first two are refused by the kernel that makes the others
+        await store.keep("r1", kept(seq))
+        assert kept(seq) in (await store.newest("r1", STREAM))[0]
+
+
+@pytest.mark.parametrize("field", ["seq", "gaps", "skipped", "stream"])
+async def test_a_checkpoint_that_lies_about_how_far_it_had_come_is_damaged(field: str, tmp_path: Path) -> None:
+    store = OnDisk(tmp_path)
+    await store.keep("r1", kept(2))
+    path = tmp_path / "r1" / f"{STREAM}-2.checkpoint"
+    header, snapshot = msgpack.unpackb(path.read_bytes())
+    path.write_bytes(msgpack.packb([header | {field: {}}, snapshot]))
+    found, (problem,) = await store.newest("r1", STREAM)
+    assert found == []
+    assert "damaged" in problem
+
+
+async def test_a_checkpoint_that_cannot_be_opened_is_told_and_others_are_taken(tmp_path: Path) -> None:
+    store = OnDisk(tmp_path)
+    await store.keep("r1", kept(1))
+    loop = tmp_path / "r1" / f"{OTHER}-9.checkpoint"
+    loop.symlink_to(loop)
+    assert await store.newest("r1", "") == ([kept(1)], [])
+    found, (problem,) = await store.newest("r1", OTHER)
+    assert found == []
+    assert str(loop) in problem
+
+
+async def test_two_edges_that_keep_the_same_frame_at_once_are_not_in_each_others_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one, other, sync = OnDisk(tmp_path), OnDisk(tmp_path), os.fsync
+
+    def meanwhile(file: int) -> None:
+        monkeypatch.setattr(os, "fsync", sync)
+        other._write("r1", kept(1))
+        sync(file)
+
+    monkeypatch.setattr(os, "fsync", meanwhile)
+    await one.keep("r1", kept(1))
+    assert await one.newest("r1", STREAM) == ([kept(1)], [])
+    assert len(list((tmp_path / "r1").iterdir())) == 1
+
+
+async def test_what_could_not_be_read_again_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.edge_worker.checkpoints.MOST_BYTES", 5)
+    with pytest.raises(OSError, match="over the limit of 5"):
+        await OnDisk(tmp_path).keep("r1", kept(1))
 
 
 async def test_what_a_dead_edge_had_half_written_is_no_checkpoint(tmp_path: Path) -> None:
