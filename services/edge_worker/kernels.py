@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import math
 from collections.abc import Callable
@@ -18,6 +19,8 @@ from services.edge_worker.instructions import Feed, Finish, Instruction, Keep, O
 from services.edge_worker.pool import Pool
 from services.edge_worker.state import EdgeState, FrameDone, InstanceFinished, KeptDurably, Opened
 
+RETRY_S = 1.0
+
 log = logging.getLogger(__name__)
 
 
@@ -32,17 +35,14 @@ class Kernels:
 
     async def open(self, step: Open) -> Opened | None:
         """From the newest checkpoint that can be taken over, or a fresh one."""
-        found: list[Kept] = []
-        if not step.afresh:
-            found, wrong = await self._checkpoints.newest(step.robot, step.stream)
-            for what in wrong:
-                self._problem(f"robot/{step.robot}: {what}")
-        if self._instance(step) is None:
-            return None  # released, or begun anew meanwhile
         try:
-            for kept in found:
+            for kept in [] if step.afresh else await self._newest(step):
+                if self._instance(step) is None:
+                    return None  # released, or begun anew meanwhile: what came after must not be replaced
                 if await self._open_from(step, kept):
                     return Opened(step.robot, step.life, kept.checkpoint, self._checkpoints.durable)
+            if self._instance(step) is None:
+                return None
             await self._open(step)
         except WorkerDied:
             return None
@@ -92,6 +92,23 @@ class Kernels:
 
     async def close(self, step: Release) -> None:
         await self._pool.call(step.worker, "close", robot=step.robot, life=step.life)
+
+    async def _newest(self, step: Open) -> list[Kept]:
+        """What there is to go on from. A disk that does not answer is waited for: robots have forgotten what it has."""
+        said = ""
+        while self._instance(step) is not None:
+            try:
+                found, wrong = await self._checkpoints.newest(step.robot, step.stream)
+            except OSError as error:
+                if str(error) != said:
+                    said = str(error)
+                    self._problem(f"robot/{step.robot}: edge.checkpoints: {error}; its map waits for them")
+                await asyncio.sleep(RETRY_S)
+                continue
+            for what in wrong:
+                self._problem(f"robot/{step.robot}: {what}")
+            return found
+        return []
 
     async def _open_from(self, step: Open, kept: Kept) -> bool:
         """False, and told, when the kernel does not take the checkpoint."""

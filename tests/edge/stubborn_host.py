@@ -1,12 +1,24 @@
-"""A SLAM host whose scans may never end."""
+"""A SLAM host whose scans may never end, and that takes only checkpoints it likes."""
 
 import threading
 import time
+from typing import Any
 
 
 class StubbornHost:
+    lives: tuple[int, ...] = ()
+    """of the instances opened, in order"""
+
     def warm(self, kernel: str) -> None:
         pass
+
+    def open(self, robot: str, life: int, snapshot: bytes = b"", **settings: Any) -> None:
+        if snapshot == b"foreign":
+            raise ValueError("of another kernel")
+        self.lives += (life,)
+
+    def opened(self) -> tuple[int, ...]:
+        return self.lives
 
     def process(self, robot: str, data: str) -> str:
         while data == "spin":
