@@ -35,7 +35,7 @@ class Fetched:
 
     fetch: Fetch
     version: int
-    cover: Cover | None
+    cover: Cover
     final: bool
 
 
@@ -188,7 +188,7 @@ class FusingState:
         if self.fetching.get(robot) is not event.fetch:  # re-routed meanwhile: what came is of an earlier owner
             return [Forget(robot)] if robot not in self.fetching and robot not in self.held else []
         del self.fetching[robot]
-        if event.cover is None or event.cover.epoch != event.fetch.notice.epoch:
+        if event.cover.epoch != event.fetch.notice.epoch:
             self.held.pop(robot, None)
             return [Forget(robot)]  # the edge has taken the robot up anew: another notice will come
         self.held[robot] = Held(event.fetch.notice, event.version, event.final)

@@ -10,7 +10,7 @@ from typing import Any
 from common.bus import Bus, keys
 from common.bus.tiles import TILE_BYTES, fetch_tiles, tile_page
 from common.config import Fleet
-from common.errors import PeerError, WorkerDied
+from common.errors import PeerError, QueryFailed, WorkerDied
 from common.grid.paging import parse_number
 from common.link import LinkMeter
 from common.wire import Component, Cover, EdgeMapNotice, MapNotice, Message, Routes, Transforms, decode, encode
@@ -19,6 +19,7 @@ from services.edge_worker import fusing
 from services.edge_worker.fusing import FusingState
 
 TARGET = "services.edge_worker.fusion_host:FusionHost"
+RETRY_S = 1.0
 
 log = logging.getLogger(__name__)
 
@@ -106,13 +107,15 @@ class Fusion:
             if notice.edge != self._edge:
                 self._links.took(f"edge/{notice.edge}", delta.size, asyncio.get_running_loop().time() - begin)
             cover = delta.covers.get(notice.robot)
+            if cover is None:
+                raise QueryFailed("the map does not say what it contains; fetch again", f"edge/{notice.edge}")
             await self._call(
                 "put",
                 robot=notice.robot,
                 resolution=delta.resolution,
                 version=delta.version,
                 final=delta.final,
-                cover=cover.model_dump() if cover is not None else {},
+                cover=cover.model_dump(),
                 tiles=[(tile.x, tile.y, tile.data) for tile in delta.tiles],
                 whole=delta.whole,
             )
@@ -182,9 +185,16 @@ class Fusion:
         await self._worker.call("warm")
 
     async def _restart(self) -> None:
-        if self._worker is not None:
-            await self._worker.close()
-        await self._start_worker()
+        """Another process, tried for until one has come up: SLAM goes on meanwhile."""
+        while True:
+            if self._worker is not None:
+                await self._worker.close()
+            try:
+                await self._start_worker()
+                break
+            except (WorkerDied, WorkerError, OSError) as error:
+                log.error("the fusion process did not come up; trying again", extra={"reason": error})
+                await asyncio.sleep(RETRY_S)
         while not self._steps.empty():  # of maps and fusions that died with the process
             self._steps.get_nowait()
         members, notices, world, epoch = (
