@@ -16,7 +16,7 @@ from common.config import Fleet
 from common.grid import Grid
 from common.grid.paging import counts_page
 from common.link import LinkMeter
-from common.wire import EdgeMapNotice, Message, Transforms
+from common.wire import EdgeMapNotice, FixedPose, Message, Placed, Transforms
 from common.wire.base import Covers
 from services.edge_worker.fusion import Fusion
 
@@ -66,15 +66,15 @@ async def edge(open_bus: OpenBus) -> AsyncIterator[Edge]:
 
 
 async def test_a_map_that_does_not_say_what_it_contains_is_not_fused_and_harms_nothing(edge: Edge) -> None:
-    before, edge.covers = edge.covers, {}
+    edge.covers = {}
     edge.told(2)
-    edge.fusion.world_seen(Transforms(world_epoch=4, final=False, resolution=0.05, robots={}, components=()))
+    placed = {"r1": Placed(transform=FixedPose.of(0.0, 0.0, 0.0), component="r1", version=1)}
+    edge.fusion.world_seen(Transforms(world_epoch=4, final=False, resolution=0.05, robots=placed, components=()))
     await edge.shown(lambda shown: shown.world_epoch == 4)
     async with asyncio.timeout(WITHIN_S):
         while not edge.fusion.failures:
             await edge.shown()
     assert edge.fusion.state.held["r1"].notice.version == 1
-    edge.covers = before
 
 
 async def test_a_fusion_process_that_dies_again_as_it_comes_up_is_started_once_more(edge: Edge) -> None:
