@@ -58,7 +58,7 @@ class PlanFailed:
 
 @dataclass(frozen=True)
 class Tick:
-    """About ten times a second."""
+    """Five times a second."""
 
     now: float
 

@@ -141,6 +141,7 @@ class SchedulerState:
         if not self.link.up or not self._settled(now):
             return []
         usable, alive, load = set(self.usable_edges(now)), self.alive_edges(), self.load()
+        self.stranded = set()
         reasons = []
         for robot, presence in sorted(self.robots.items()):
             route = self.routes.get(robot)
@@ -158,7 +159,6 @@ class SchedulerState:
         if not choice:
             self.stranded.add(robot)
             return []
-        self.stranded.discard(robot)
         edge = self.topology.edge_for(robot, choice) or min(choice, key=lambda name: (load[name], name))
         self.routes[robot] = Route(slam_edge=edge, fuse_edge=edge, epoch=(self.term, self.count + 1))
         load[edge] += self.robots[robot].alive

@@ -48,6 +48,24 @@ def test_a_robot_that_reaches_no_edge_is_named_until_one_comes() -> None:
     assert state.stranded == set()
 
 
+def test_a_robot_whose_only_edge_is_back_is_named_no_more() -> None:
+    state = scheduler("e1", "e2")
+    come(state, "r1", "e2")
+    state.handle(EdgeSeen("e2", False, 10.0))
+    state.handle(Tick(10.1 + GRACE))
+    assert state.stranded == {"r1"}
+    state.handle(EdgeSeen("e2", True, 20.0))
+    assert state.handle(Tick(20.1)) == []
+    assert state.stranded == set()
+
+
+def test_a_robot_that_has_left_without_a_route_is_named_no_more() -> None:
+    state = scheduler("e1")
+    come(state, "r1", "e9")
+    tell(state, RobotSeen("r1", False, 5.0), now=5.0)
+    assert state.stranded == set()
+
+
 def test_the_first_placing_waits_for_the_expected_edges_but_not_for_ever() -> None:
     state = SchedulerState(Topology("recslam"), ("e1", "e2"), GRACE)
     state.handle(EdgeSeen("e1", True, 0.0))
