@@ -158,10 +158,8 @@ class SyntheticCluster:
 
 
 def _robot_status(robot: str, sent: int) -> RobotStatus:
-    counts = {"spooled": 0, "spool_bytes": 0, "dropped": 0, "backfilled": 0}
-    return RobotStatus(
-        robot=robot, stream=STREAM, sent=sent, processed=sent - 1, bytes_sent=800 * sent, pack_s=1e-3, **counts
-    )
+    counts = {"spooled": sent, "spool_bytes": 800 * sent, "dropped": 0, "backfilled": 0}
+    return RobotStatus(robot=robot, stream=STREAM, sent=sent, processed=sent - 1, pack_s=1e-3, **counts)
 
 
 def _notice(robot: str, edge: str, sent: int, delay: float) -> MapNotice:

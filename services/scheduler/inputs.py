@@ -25,6 +25,7 @@ from common.wire import (
     Transforms,
 )
 from common.wire.edge import VANISHED
+from common.wire.limits import MAX_MESSAGE_BYTES
 from services.scheduler.links import Links, as_stated
 from services.scheduler.noise import Noise
 from services.scheduler.profile import Profile
@@ -34,6 +35,8 @@ RECENT = 5
 """reports whose median counts: an edge that turns slow is seen after three"""
 FRAME_HZ = 10.0
 FRAME_BYTES = 1000.0
+PACK_S = 1.0
+"""no robot needs longer for a frame"""
 NEVER_S = 1e6
 """price of moving the SLAM of a robot whose stream has ended: there is nothing to gain"""
 SHOWN = 256
@@ -58,6 +61,8 @@ class Inputs:
         self._profiles: dict[str, RobotProfile] = {}
         self._statuses: dict[str, RobotStatus] = {}
         self._sent: dict[str, deque[tuple[float, int]]] = defaultdict(lambda: deque(maxlen=16))
+        self._sizes: dict[str, float] = {}
+        """robot → mean bytes of the frames in its spool, when there last were any"""
         self._cores: dict[str, int] = {}
         self._recent: dict[tuple[str, str], deque[float]] = defaultdict(lambda: deque(maxlen=RECENT))
         self._scans: dict[tuple[str, str], float] = {}
@@ -75,9 +80,7 @@ class Inputs:
             case RobotProfile():
                 self._profiles[message.robot] = message
             case RobotStatus():
-                self._statuses[message.robot] = message
-                if not message.ended:
-                    self._sent[message.robot].append((now, message.sent))
+                self._robot_status(message, now)
             case EdgeStatus():
                 self._edge_status(message)
             case MapNotice():
@@ -94,6 +97,16 @@ class Inputs:
                     self._links.uplink_measured(link)
             case Transforms():
                 self.world = message
+
+    def _robot_status(self, status: RobotStatus, now: float) -> None:
+        """What a robot says of itself counts only as far as it can be so: a wrong word must not bend others' plans."""
+        if status.sent < 0:
+            return
+        self._statuses[status.robot] = status
+        if not status.ended:
+            self._sent[status.robot].append((now, status.sent))
+        if status.spooled > 0 and 0 < status.spool_bytes <= status.spooled * MAX_MESSAGE_BYTES:
+            self._sizes[status.robot] = status.spool_bytes / status.spooled
 
     def _edge_status(self, status: EdgeStatus) -> None:
         self._cores[status.edge] = max(1, status.cores)
@@ -180,7 +193,7 @@ class Inputs:
             ended = status is not None and status.ended
             frames = self.frame_hz(robot) * self._fleet.edge.map_every_s
             scan_s = self.scan_s(robot, route.slam_edge)
-            size = status.bytes_sent / status.sent if status is not None and status.bytes_sent else FRAME_BYTES
+            size = self._sizes.get(robot, FRAME_BYTES)
             rows.append(
                 {
                     "name": robot,
@@ -190,7 +203,7 @@ class Inputs:
                     "frame_bytes": size * frames,
                     "bandwidth": self._links.transfers(robot, edges, size * frames),
                     "slam_s": scan_s * frames,
-                    "pack_s": status.pack_s if status is not None else 0.0,
+                    "pack_s": min(max(status.pack_s, 0.0), PACK_S) if status is not None else 0.0,
                     "move_s": NEVER_S if ended else scan_s * self._again(status) if status is not None else 0.0,
                     "slam": route.slam_edge,
                     "fuse": route.fuse_edge,

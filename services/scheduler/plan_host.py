@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from common.errors import UsageError
 from common.geometry.se2 import compose
 from common.grid.raster import Raster
 from common.grid.tiles import decode_occupancy
-from common.wire import OverlapMatrix, Transforms, decode, encode
+from common.wire import OverlapMatrix, Placed, Transforms, decode, encode
 from services.scheduler.costs import FusionModel, Ints, Problem, predict
 from services.scheduler.graph import Weights, cut, quantise
 from services.scheduler.grouping import balanced_grouping
 from services.scheduler.overlap import (
+    Cells,
     Footprint,
     Overlap,
     cells_of_raster,
@@ -43,9 +46,10 @@ class PlanHost:
         self._sketches: dict[str, Raster] = {}
 
     def put_sketch(self, robot: str, resolution: float, tiles: list[tuple[int, int, bytes]]) -> None:
-        """The whole sketch of a robot map."""
-        raster = self._sketches[robot] = Raster(resolution)
+        """The whole sketch of a robot map. Raises BadMessage when it is none; the one before stays then."""
+        raster = Raster(resolution)
         raster.replace(((x, y), decode_occupancy(data, robot)) for x, y, data in tiles)
+        self._sketches[robot] = raster
 
     def plan(
         self,
@@ -66,10 +70,13 @@ class PlanHost:
         `robots`: name, reach (list of edge names or None), start, range_max, frame_bytes, bandwidth (one an edge),
         slam_s, pack_s, move_s (to build its map anew elsewhere), slam, fuse; `edges`: name, speed, bandwidth, cores;
         `fusion`: the three coefficients of the model; `horizon`: rounds over which a move must pay off; `noise`: of
-        what is measured, as shares, by stage. Times and bytes are those of one round.
+        what is measured, as shares, by stage. Times and bytes are those of one round. A robot that lies where nobody
+        can be counts as one of whom nothing is known, and `problems` name it.
         """
         world = decode(transforms) if transforms is not None else None
-        footprints = [self._footprint(robot, world if isinstance(world, Transforms) else None) for robot in robots]
+        problems: list[str] = []
+        placed = world.robots if isinstance(world, Transforms) else {}
+        footprints = [self._footprint(robot, placed, problems) for robot in robots]
         overlap = overlap_matrix(footprints)
         problem = make_problem(robots, edges, overlap.weights, footprints, FusionModel(*fusion), horizon)
         made = plan(problem, policy, budget_s=budget_s, kappa=kappa, tau=tau)
@@ -113,6 +120,7 @@ class PlanHost:
             "reason": f"{why}; {made.reason}" if why else made.reason,
             "seconds": made.seconds,
             "overlap": encode(_shown(overlap)) if len(robots) <= MATRIX_ROBOTS else None,
+            "problems": problems,
         }
 
     def _regrouped(self, problem: Problem, weights: Weights, fuse: Ints, hysteresis: float) -> tuple[Ints, str]:
@@ -129,19 +137,24 @@ class PlanHost:
             return fuse, ""
         return present, "kept: no grouping is closer by enough"
 
-    def _footprint(self, robot: dict[str, Any], world: Transforms | None) -> Footprint:
+    def _footprint(self, robot: dict[str, Any], world: Mapping[str, Placed], problems: list[str]) -> Footprint:
         name = robot["name"]
-        raster = self._sketches.get(name)
-        placed = world.robots.get(name) if world is not None else None
-        if raster is not None and placed is not None:
-            cells, origin = raster.dense()
-            corner = compose(placed.transform.pose(), (*(np.array(origin) * raster.resolution), 0.0))
-            covered = cells_of_raster(cells != -1, raster.resolution, corner)
-            return Footprint(name, placed.component, covered, "map")
-        if robot["start"] is not None:
-            reach = robot["range_max"] or SENSOR_M
-            return Footprint(name, "starts", cells_of_route([robot["start"][:2]], min(reach, SENSOR_M)), "start")
+        raster, placed = self._sketches.get(name), world.get(name)
+        try:
+            if raster is not None and placed is not None:
+                return Footprint(name, placed.component, _covered(raster, placed), "map")
+            if robot["start"] is not None:
+                reach = robot["range_max"] or SENSOR_M
+                return Footprint(name, "starts", cells_of_route([robot["start"][:2]], min(reach, SENSOR_M)), "start")
+        except UsageError as error:
+            problems.append(f"robot/{name}: {error}")
         return Footprint(name, f"unknown {name}", np.empty(0, dtype=np.int64), "unknown")
+
+
+def _covered(raster: Raster, placed: Placed) -> Cells:
+    cells, origin = raster.dense()
+    corner = compose(placed.transform.pose(), (*(np.array(origin) * raster.resolution), 0.0))
+    return cells_of_raster(cells != -1, raster.resolution, corner)
 
 
 def _shown(overlap: Overlap) -> OverlapMatrix:

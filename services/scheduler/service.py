@@ -195,7 +195,10 @@ class Scheduler(Service):
                 log.debug("sketch not fetched", extra={"robot": robot, "reason": error})
                 continue
             tiles = [(tile.x, tile.y, tile.data) for tile in delta.tiles]
-            await self._call("put_sketch", robot=robot, resolution=delta.resolution, tiles=tiles)
+            try:
+                await self._call("put_sketch", robot=robot, resolution=delta.resolution, tiles=tiles)
+            except WorkerError as error:  # planned without it until there is another
+                self._problem(f"edge/{notice.edge}: sketch of {robot}: {error}")
             self._sketched[robot] = notice
 
     async def _make(self, step: MakePlan, what_if: WhatIf = AS_IT_IS) -> dict[str, Any]:
@@ -220,6 +223,8 @@ class Scheduler(Service):
             horizon=config.horizon_s / self._fleet.edge.map_every_s,
             noise=inputs.noise(),
         )
+        for problem in made["problems"]:
+            self._problem(problem)
         return made
 
     def status(self) -> SchedulerStatus:
@@ -245,8 +250,8 @@ class Scheduler(Service):
         )
 
     def _problem(self, text: str) -> None:
-        log.warning("%s", text)
-        if text[:500] not in self._problems:
+        if text[:500] not in self._problems:  # as long as it stays, every plan meets it again
+            log.warning("%s", text)
             self._problems.append(text[:500])
 
     async def _call(self, method: str, **arguments: Any) -> Any:

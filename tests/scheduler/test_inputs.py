@@ -68,11 +68,10 @@ def status(robot: str, sent: int, ended: bool = False) -> RobotStatus:
         stream=STREAM,
         sent=sent,
         processed=sent,
-        spooled=0,
-        spool_bytes=0,
+        spooled=sent,
+        spool_bytes=800 * sent,
         dropped=0,
         backfilled=0,
-        bytes_sent=800 * sent,
         ended=ended,
     )
 
@@ -165,6 +164,33 @@ def test_a_round_holds_the_frames_that_the_robot_makes_between_two_fusions() -> 
     inputs.hear(status("r1", 101, ended=True), 21.0)
     (row,) = inputs.robot_rows(("r1",), ("e1",), {"r1": _route("e1")}, {"r1": ["e1"]})
     assert row["move_s"] == NEVER_S, "a robot that sends no more"
+
+
+def test_a_robot_started_again_makes_frames_of_the_size_of_those_in_its_spool() -> None:
+    inputs = Inputs(fleet("e1"), Profile())
+    inputs.hear(status("r1", 1000).model_copy(update={"bytes_sent": 800}), 0.0)
+    inputs.hear(status("r1", 1001).model_copy(update={"spooled": 0, "spool_bytes": 0}), 1.0)
+    (row,) = inputs.robot_rows(("r1",), ("e1",), {"r1": _route("e1")}, {"r1": ["e1"]})
+    assert row["frame_bytes"] == pytest.approx(20 * 800)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"sent": 0, "bytes_sent": 5},
+        {"sent": -1, "spooled": -1, "spool_bytes": 800},
+        {"spooled": 1, "spool_bytes": 2**60},
+        {"pack_s": -1e300},
+        {"pack_s": 1e300},
+    ],
+)
+def test_a_robot_that_tells_what_cannot_be_is_planned_like_any_other(wrong: dict[str, float]) -> None:
+    inputs = Inputs(fleet("e1"), Profile())
+    inputs.hear(status("r1", 100).model_copy(update=wrong), 0.0)
+    (row,) = inputs.robot_rows(("r1",), ("e1",), {"r1": _route("e1")}, {"r1": ["e1"]})
+    assert 0 < row["frame_bytes"] < 20 * 2**20
+    assert 0 <= row["pack_s"] <= 1
+    assert row["move_s"] >= 0
 
 
 def test_where_edges_share_checkpoints_a_robot_is_moved_for_the_frames_since_the_last_one(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from common.errors import BadMessage
 from common.grid.grid import FREE
 from common.grid.tiles import encode_occupancy
 from common.wire import FixedPose, OverlapMatrix, Placed, Transforms, decode, encode
@@ -89,6 +90,27 @@ def test_maps_count_once_their_robots_are_placed_in_the_world() -> None:
     weights = overlap.weights.reshape(3, 3)
     assert weights[0, 1] == pytest.approx(0.5)
     assert weights[0, 2] == weights[1, 2] == 0.0
+
+
+def test_a_robot_that_starts_nowhere_is_named_and_keeps_no_other_from_being_planned() -> None:
+    robots = [*two_rooms(), robot("r5", (1e12, 0), "e1")]
+    made = PlanHost().plan(robots, EDGES, None, "paper", **POLICY)
+    assert made["fuse"]["r1"] == made["fuse"]["r3"] != made["fuse"]["r2"] == made["fuse"]["r4"]
+    (problem,) = made["problems"]
+    assert problem.startswith("robot/r5: ")
+
+
+def test_a_sketch_that_is_none_leaves_the_one_before() -> None:
+    host = PlanHost()
+    free = encode_occupancy(np.full((64, 64), FREE, np.int8))
+    host.put_sketch("r1", 0.05, [(0, 0, free)])
+    with pytest.raises(BadMessage):
+        host.put_sketch("r1", 0.05, [(0, 0, b"none")])
+    pose = FixedPose(x_um=0, y_um=0, theta_nrad=0)
+    placed = {"r1": Placed(transform=pose, component="r1", version=1)}
+    world = Transforms(world_epoch=1, final=False, resolution=0.05, robots=placed, components=())
+    made = host.plan([robot("r1", None, "e1"), robot("r2", None, "e2")], EDGES, encode(world), "paper", **POLICY)
+    assert (made["problems"], made["predicted"]["t_c"] > 0) == ([], True)
 
 
 def test_groups_are_named_so_that_most_robots_stay() -> None:
