@@ -10,8 +10,14 @@ def warmup() -> Iterator[tuple[str, float]]:
     """Yields (what, seconds) as each part is ready."""
     from common.fusion.warmup import warmup as fusion
     from services.edge_worker.slam.warmup import warmup as slam
+    from services.scheduler.warmup import warmup as planning
 
-    parts: tuple[tuple[str, Callable[[], None]], ...] = (("simulator", _simulator), ("SLAM", slam), ("fusion", fusion))
+    parts: tuple[tuple[str, Callable[[], None]], ...] = (
+        ("simulator", _simulator),
+        ("SLAM", slam),
+        ("fusion", fusion),
+        ("planning", planning),
+    )
     for name, compile_part in parts:
         started = time.monotonic()
         compile_part()

@@ -97,7 +97,7 @@ def _plan(
     seed: int,
     clock: Callable[[], float],
 ) -> OfflinePlan:
-    _compile(problem, policy, kappa, tau)
+    compiled(problem, policy, kappa, tau)
     assignment = plan(problem, policy, budget_s=budget_s, kappa=kappa, tau=tau, seed=seed, clock=clock)
     groups = [np.flatnonzero(assignment.fuse == edge) for edge in range(len(problem.edges))]
     return OfflinePlan(
@@ -110,7 +110,7 @@ def _plan(
     )
 
 
-def _compile(problem: Problem, policy: str, kappa: int, tau: int) -> None:
+def compiled(problem: Problem, policy: str, kappa: int, tau: int) -> None:
     """Plan for the first few robots, so that neither the budget nor the stated time holds what compiling takes.
 
     The sizes are those at which policy `cut` searches in other ways.
