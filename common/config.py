@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
+from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict, SettingsError
 
 from common.errors import ConfigError
 from common.wire.base import Name, PoseTuple
@@ -23,7 +23,7 @@ ENV_ELSEWHERE = {"RECSLAM_DATA", "RECSLAM_SCORER", "RECSLAM_PARENT_FD", "RECSLAM
 
 
 class Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class BusConfig(Section):
@@ -242,6 +242,8 @@ def load(path: Path | None, **overrides: Any) -> Fleet:
         return Fleet(**{**data, **overrides})
     except ValidationError as error:
         raise ConfigError(f"{path or 'configuration'}: {explain(error)}") from error
+    except SettingsError as error:  # a section or list as a whole, and no JSON
+        raise ConfigError(f"environment: {error}; name a field, as {ENV_PREFIX}SLAM__KERNEL=gmapping") from error
 
 
 def check_environment() -> None:

@@ -55,6 +55,11 @@ def test_the_environment_goes_before_the_file_and_leaves_its_neighbours_alone(
             "[[robots]]\nid = 'r1'\nsource = { kind = 'sim', scene = 'apartment', noise = 'loud' }",
             "robots.0.source.sim.noise",
         ),
+        (
+            "[[robots]]\nid = 'r1'\nsource = { kind = 'sim', scene = 'apartment' }\nstart = [0.0, 0.0, nan]",
+            "robots.0.start.2",
+        ),
+        ("[edge]\nlease_s = inf", "edge.lease_s"),
         ("[[edges]]\nid = 'e'\n[[edges]]\nid = 'e'", "edges: e named twice"),
     ],
 )
@@ -78,6 +83,12 @@ def test_a_file_that_is_missing_or_no_toml_is_named(tmp_path: Path) -> None:
 def test_a_typing_error_in_the_environment_does_not_pass_in_silence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RECSLAM_EGDE__WINDOW", "5")
     with pytest.raises(ConfigError, match="RECSLAM_EGDE__WINDOW"):
+        load(None)
+
+
+def test_a_section_in_the_environment_that_is_no_section_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RECSLAM_SLAM", "gmapping")
+    with pytest.raises(ConfigError, match="RECSLAM_SLAM__KERNEL=gmapping"):
         load(None)
 
 
