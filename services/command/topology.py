@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.config import EdgeEntry, Fleet
+from common.config import EdgeEntry, Fleet, RobotEntry
 from common.errors import ConfigError
 from services.command.fleets import revised
 
@@ -33,7 +33,8 @@ def arrange(fleet: Fleet) -> Fleet:
     """The fleet with the edges that its topology wants.
 
     `recslam` and `edge-only` take those of the file, `single-edge` the first of them; `cloud` and `local` put an edge
-    beside each robot, which reaches no other. Raises ConfigError when there is nothing to start.
+    beside each robot, which reaches no other. Raises ConfigError when there is nothing to start, or a robot would wait
+    for ever for an edge that nobody starts.
     """
     if not fleet.robots:
         raise ConfigError("robots: none; a fleet that is started here names its robots")
@@ -45,6 +46,8 @@ def arrange(fleet: Fleet) -> Fleet:
         only = fleet.edges[:1]
         robots = tuple(robot.model_copy(update={"edges": None}) for robot in fleet.robots)
         return revised(fleet, edges=only, robots=robots)
+    for robot in fleet.robots:
+        _check_reach(robot, fleet.edge_ids())
     return fleet
 
 
@@ -58,6 +61,15 @@ def programs(fleet: Fleet, spool: Path) -> Iterator[Program]:
     for robot in fleet.robots:
         arguments = ("--id", robot.id, "--spool", str(spool))
         yield Program(f"robot/{robot.id}", "robot_agent", arguments, robot.join_after_s)
+
+
+def _check_reach(robot: RobotEntry, edges: tuple[str, ...]) -> None:
+    known = ", ".join(edges)
+    if robot.edges is not None and not robot.edges:
+        raise ConfigError(f"robots: {robot.id}: edges: none within reach; leave it out for all, or name of {known}")
+    strange = sorted(set(robot.edges or ()) - set(edges))
+    if strange:
+        raise ConfigError(f"robots: {robot.id}: edges: the fleet has no {', '.join(strange)}; there are {known}")
 
 
 def _edge_beside_each(fleet: Fleet) -> Fleet:

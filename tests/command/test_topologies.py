@@ -52,6 +52,14 @@ def test_a_fleet_without_robots_or_edges_is_refused(lacking: str) -> None:
         arrange(fleets.revised(apartment("recslam"), **{lacking: ()}))
 
 
+@pytest.mark.parametrize(("reach", "said"), [(("edge-1", "egde-2"), "egde-2"), ((), "none within reach")])
+def test_a_robot_that_would_wait_for_an_edge_that_nobody_starts_is_refused(reach: tuple[str, ...], said: str) -> None:
+    fleet = apartment("recslam")
+    first = fleet.robots[0].model_copy(update={"edges": reach})
+    with pytest.raises(ConfigError, match=f"{first.id}: edges: .*{said}.*edge-1, edge-2"):
+        arrange(fleets.revised(fleet, robots=(first, *fleet.robots[1:])))
+
+
 @pytest.mark.parametrize("name", fleets.built_in())
 def test_fleets_that_come_along_load_and_come_back_from_their_file(name: str, tmp_path: Path) -> None:
     fleet = fleets.load_fleet(name)
