@@ -16,7 +16,7 @@ from rich.console import Console
 
 from common.bus import Bus, Router, keys
 from common.config import Fleet
-from common.errors import PeerError
+from common.errors import PeerError, UsageError
 from common.wire import GlobalMapNotice
 from services.command import accuracy, collect, fleets, report, results
 from services.command.children import Children
@@ -42,10 +42,13 @@ async def run(
 
     A batch fleet ends with its final map (`keep`: it stays up then until it is asked to stop). A live one runs until
     SIGINT or SIGTERM; both leave the last map. `truth` is the fleet whose simulation a recording came from. Returns 0,
-    or 128 + the signal's number when a batch run was broken off. Raises ServiceDied when a service ended by itself.
+    or 128 + the signal's number when a batch run was broken off. Raises ServiceDied when a service ended by itself,
+    and UsageError when robots would go on with the frames of another fleet.
     """
     fleet = arrange(fleet)
     folder = RunFolder.make(out)
+    if folder.spooled and not fleets.same_frames(fleet, folder.config):
+        raise UsageError(f"{folder.spool}: has frames of another fleet; remove it, or choose another --out")
     fleets.write(fleet, folder.config)
     made: Made | None = None
     with _asked_to_stop() as asked:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,19 @@ def revised(fleet: Fleet, **fields: Any) -> Fleet:
 def write(fleet: Fleet, path: Path) -> None:
     """Write the effective configuration as a fleet file that gives this fleet again."""
     path.write_text(tomli_w.dumps(_told(dump(fleet))))
+
+
+def same_frames(fleet: Fleet, path: Path) -> bool:
+    """Whether the fleet that `write` has left at `path` drives the same robots in the same way."""
+    try:
+        before = tomllib.loads(path.read_text())
+    except (OSError, ValueError):
+        return False
+    return _driven(before) == _driven(_told(dump(fleet)))
+
+
+def _driven(data: dict[str, Any]) -> Any:
+    return data.get("seed"), {robot["id"]: robot["source"] for robot in data.get("robots", ())}
 
 
 def _checked(fleet: Fleet, name: str, value: Any) -> Any:

@@ -51,6 +51,11 @@ class RunFolder:
             raise UsageError(f"cannot make the folder of the run: {error}") from error
         return folder
 
+    @property
+    def spooled(self) -> bool:
+        """There are frames of an earlier run, which was broken off or recorded."""
+        return any(self.spool.glob("*.spool"))
+
     def log(self, program: str) -> Path:
         return self.logs / f"{program.replace('/', '-')}.log"
 

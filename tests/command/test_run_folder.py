@@ -7,8 +7,10 @@ import time
 from pathlib import Path
 
 import pytest
+from command_line import call
 
 from common.errors import BadFile, UsageError
+from services.command import fleets
 from services.command.finding import find
 from services.command.run_folder import LATEST, Cluster, RunFolder, read_cluster
 
@@ -37,6 +39,23 @@ def test_a_folder_in_which_a_cluster_runs_is_refused(tmp_path: Path) -> None:
     RunFolder.make(tmp_path / "run").announce(HERE)
     with pytest.raises(UsageError, match="a cluster is running there"):
         RunFolder.make(tmp_path / "run")
+
+
+def test_a_broken_off_run_goes_on_with_its_own_fleet_and_with_no_other(tmp_path: Path) -> None:
+    fleet = fleets.load_fleet("two_rooms")
+    folder = RunFolder.make(tmp_path / "run")
+    fleets.write(fleet, folder.config)
+    assert not folder.spooled
+    folder.spool.mkdir()
+    (folder.spool / "r1.spool").touch()
+    assert folder.spooled
+    assert fleets.same_frames(fleets.revised(fleet, slam={"kernel": "gmapping"}), folder.config)
+    assert not fleets.same_frames(fleets.revised(fleet, seed=9), folder.config)
+    assert not fleets.same_frames(fleets.load_fleet("apartment"), folder.config)
+    done = call("up", "apartment", "--out", folder.path, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "has frames of another fleet" in done.stderr
+    assert fleets.same_frames(fleet, folder.config), "what was there is left alone"
 
 
 def test_a_cluster_is_found_by_option_then_by_the_latest_run_then_by_environment(
