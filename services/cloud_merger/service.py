@@ -33,13 +33,12 @@ from common.wire import (
     decode,
     encode,
 )
-from common.workers import Worker, WorkerError
+from common.workers import WorkerError
 from services.cloud_merger import events as merging
 from services.cloud_merger.joint import corrected
+from services.cloud_merger.merging_process import MergingProcess
 from services.cloud_merger.state import CloudState
 from services.cloud_merger.trace import trace
-
-TARGET = "services.cloud_merger.merge_host:MergeHost"
 
 log = logging.getLogger(__name__)
 
@@ -51,7 +50,7 @@ class CloudMerger(Service):
         super().__init__(bus, stop)
         self._fleet = fleet
         self.state = CloudState(expected=fleet.expected_robots())
-        self._worker: Worker | None = None
+        self._process = MergingProcess(fleet.fusion.settings)
         self._statuses: dict[str, RobotStatus] = {}
         self._starts: dict[str, PoseTuple] = {}
         self._transfers: dict[str, float] = {}
@@ -63,7 +62,7 @@ class CloudMerger(Service):
         self._links = LinkMeter()
 
     async def _open(self) -> None:
-        await self._start_worker()
+        await self._process.start()
         await self.bus.serve(keys.CLOUD_MAP, self._tiles)
         await self.bus.declare_alive(keys.CLOUD_ALIVE)
 
@@ -80,8 +79,7 @@ class CloudMerger(Service):
         self._tell_status(keys.CLOUD_STATUS, self.status)
 
     async def _close(self) -> None:
-        if self._worker is not None:
-            await self._worker.close()
+        await self._process.close()
 
     # Events in
 
@@ -167,8 +165,9 @@ class CloudMerger(Service):
         self._feed(merging.PartFetched(step, delta.version, delta.world_epoch, delta.covers, delta.final))
 
     async def _solve(self, step: merging.Solve) -> None:
+        worker = self._process.up()
         try:
-            done = await self._call(
+            done = await worker.call(
                 "solve",
                 robots=list(step.robots),
                 pairs=list(step.pairs),
@@ -183,7 +182,7 @@ class CloudMerger(Service):
             self._feed(merging.Solved(None))
             return
         if step.final and self._fleet.cloud.joint and done["merged"]:
-            done = await corrected(done, self.state.slam_edges(), self.bus, self._call, self._problem)
+            done = await corrected(done, self.state.slam_edges(), self.bus, worker.call, self._problem)
         self._stages["solve"] = done["seconds"]
         self.state.counters["full pair checks"] = done["checks"]
         await self.bus.latch(keys.CLOUD_VERDICTS, decode(done["verdicts"]))
@@ -250,7 +249,7 @@ class CloudMerger(Service):
         return tile_page("cloud", "counts", page, shown.covers, shown.final, shown.world_epoch)
 
     def status(self) -> CloudStatus:
-        used = process_stats([self._worker.process.pid] if self._worker is not None else [])
+        used = process_stats(self._process.pids())
         refused = self.bus.counters.refused.total()
         return CloudStatus(
             version=self._shown.version if self._shown is not None else 0,
@@ -271,25 +270,18 @@ class CloudMerger(Service):
         self._problems.append(text[:500])
 
     async def _call(self, method: str, **arguments: Any) -> Any:
-        if self._worker is None:
-            raise WorkerDied("the merging process is not up")
-        return await self._worker.call(method, **arguments)
-
-    async def _start_worker(self) -> None:
-        self._worker = await Worker.start(TARGET)
-        await self._worker.call("configure", settings=self._fleet.fusion.settings)
-        await self._worker.call("warm")
+        return await self._process.up().call(method, **arguments)
 
     async def _restart(self) -> None:
-        """Another merging process if it has died, and everything fetched anew; who notices first sees to it."""
-        if self._worker is None or not self._worker.gone.is_set():
-            return
-        self._worker = None
-        log.error("the merging process died; starting another")
+        """Another merging process if it has died, and everything fetched anew."""
         try:
-            await self._start_worker()
-        except WorkerDied as error:
-            self._problem(f"merging process: {error}")
-            return  # the next tick tries again
+            if not await self._process.replaced():
+                return
+        except (WorkerDied, WorkerError, OSError) as error:
+            self._problem(f"merging process: {error}; trying again")
+            return  # the next tick does
         self.state = self.state.empty_handed()
         self._feed(merging.Tick())
+
+    def worker_pids(self) -> list[int]:
+        return self._process.pids()
