@@ -11,9 +11,10 @@ import numpy as np
 
 from common.bus import Bus, keys
 from common.errors import QueryFailed, UsageError
-from common.wire import OverlapMatrix, Plan
+from common.wire import OverlapMatrix, Plan, SchedulerStatus
 from common.wire.codec import plain
 from services.command import collect
+from services.scheduler.what_if import WhatIf
 
 WHAT_IF_S = 60.0
 """a plan for very many robots takes its time"""
@@ -52,7 +53,14 @@ async def why(bus: Bus) -> tuple[Plan, OverlapMatrix | None]:
 
 
 async def what_if(bus: Bus, supposed: str) -> Plan:
-    """What would be planned; the cluster goes on as it is. Raises QueryFailed."""
+    """What would be planned; the cluster goes on as it is.
+
+    Raises UsageError for what cannot be supposed, QueryFailed when there is no scheduler or it cannot tell.
+    """
+    asked = WhatIf.parse(supposed)
+    status = await collect.one(bus, keys.SCHEDULER_STATUS, SchedulerStatus)
+    if status is not None:
+        asked.check(sorted(edge for edge, word in status.edges.items() if word == "alive"))
     answers = await bus.get(keys.SCHEDULER_PLAN, {"what_if": supposed}, timeout_s=WHAT_IF_S)
     for answer in answers:
         if isinstance(answer.message, Plan):

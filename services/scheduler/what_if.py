@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from common.errors import UsageError
 
 DOWN = "down"
+FACTORS = 1e-3, 1e3
+"""least and greatest change of speed that is asked for in earnest"""
 
 
 @dataclass(frozen=True)
@@ -24,13 +26,13 @@ class WhatIf:
             try:
                 if word == DOWN:
                     down.add(edge)
-                elif (factor := float(word)) > 0:
+                elif FACTORS[0] <= (factor := float(word)) <= FACTORS[1]:
                     speed[edge] = factor
                 else:
                     raise ValueError
             except ValueError:
                 raise UsageError(
-                    f"what if {part!r}: say EDGE=down, or EDGE=FACTOR for a change of its speed, as edge-1=0.5"
+                    f"what if {part!r}: say EDGE=down, or EDGE=FACTOR, 0.001 to 1000, on its speed, as edge-1=0.5"
                 ) from None
         return cls(frozenset(down), speed)
 

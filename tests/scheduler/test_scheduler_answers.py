@@ -10,8 +10,9 @@ import pytest
 from bench.synthetic_cluster import SyntheticCluster
 from common.bus import Bus, keys
 from common.config import SchedulerConfig
-from common.errors import QueryFailed
+from common.errors import QueryFailed, UsageError
 from common.wire import Plan, RobotProfile, Routes, SchedulerStatus
+from services.command.plan import what_if
 from services.scheduler.service import Scheduler
 
 OpenBus = Callable[..., Awaitable[Bus]]
@@ -68,3 +69,9 @@ async def test_a_question_changes_nothing_and_names_who_would_be_left_without_an
     assert after.message == before.message
     with pytest.raises(QueryFailed, match="no such edge"):
         await ask(asker, "e7=down")
+
+
+@pytest.mark.parametrize("supposed", ["e7=down", "e0=down,e1=down,e2=down", "e1", "e1=1e-320", "e1=inf", "e1=nan"])
+async def test_a_question_that_cannot_be_answered_is_for_its_asker_to_mend(asker: Bus, supposed: str) -> None:
+    with pytest.raises(UsageError, match="what if"):
+        await what_if(asker, supposed)
