@@ -66,7 +66,9 @@ def up(
 @app.command()
 def replay(
     log: Annotated[Path, typer.Argument(help="CARMEN log (also gzipped), or the folder of a recorded run.")],
-    robots: Annotated[int, typer.Option(min=1, help="Robots among whom a log is cut.")] = 1,
+    robots: Annotated[
+        int | None, typer.Option(min=1, help="Robots among whom a log is cut (default: 1).", show_default=False)
+    ] = None,
     edges: Annotated[int | None, typer.Option(min=1, help="Edges (default: 1, or as recorded).")] = None,
     out: Out = None,
     topology: TopologyOption = None,
@@ -80,8 +82,8 @@ def replay(
 
     def make() -> tuple[Any, Any]:
         if log.is_dir():
-            return recorded.from_recording(log, edges)
-        return recorded.from_log(log, robots, edges or 1), None
+            return recorded.from_recording(log, robots, edges)
+        return recorded.from_log(log, robots or 1, edges or 1), None
 
     fleet, truth = checked(make)
     exit_(await_(run(_overridden(fleet, topology, policy, kernel), out, _console(), truth=truth, keep=keep)))

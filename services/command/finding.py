@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from common.bus import Bus
 from common.config import load
+from common.errors import RouterUnreachable
 from common.service import ENDPOINT
 from services.command.run_folder import CLUSTER, LATEST, read_cluster
 
@@ -22,8 +23,11 @@ class Place:
     """how it was found, for the operator"""
 
     async def open(self) -> Bus:
-        """Raises RouterUnreachable, naming the endpoint."""
-        return await Bus.open(self.endpoint, name="command", role="command", root=self.root, timeout_s=TIMEOUT_S)
+        """Raises RouterUnreachable, naming the endpoint and how it was found."""
+        try:
+            return await Bus.open(self.endpoint, name="command", role="command", root=self.root, timeout_s=TIMEOUT_S)
+        except RouterUnreachable as error:
+            raise RouterUnreachable(f"{error}; the endpoint comes from {self.found}") from error
 
 
 def find(endpoint: str | None) -> Place:
@@ -40,4 +44,4 @@ def find(endpoint: str | None) -> Place:
         return Place(cluster.endpoint, cluster.root, str(latest))
     if named := os.environ.get(ENDPOINT):
         return Place(named, default.root, f"${ENDPOINT}")
-    return Place(default.endpoint, default.root, "the default: no cluster runs from this folder")
+    return Place(default.endpoint, default.root, "the default, as no cluster runs from this folder")

@@ -60,7 +60,7 @@ def same_frames(fleet: Fleet, path: Path) -> bool:
     return _driven(before) == _driven(_told(dump(fleet)))
 
 
-def _driven(data: dict[str, Any]) -> Any:
+def _driven(data: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     return data.get("seed"), {robot["id"]: robot["source"] for robot in data.get("robots", ())}
 
 

@@ -31,8 +31,11 @@ def from_log(log: Path, robots: int, edges: int) -> Fleet:
     return fleets.revised(Fleet(), name=log.name.split(".")[0], robots=entries, edges=_edges(edges), batch=True)
 
 
-def from_recording(folder: Path, edges: int | None) -> tuple[Fleet, Fleet]:
-    """The fleet that replays a recorded run, and the one that was recorded. Raises BadFile."""
+def from_recording(folder: Path, robots: int | None, edges: int | None) -> tuple[Fleet, Fleet]:
+    """The fleet that replays a recorded run, and the one that was recorded.
+
+    Raises BadFile, and UsageError for another number of robots than have been recorded.
+    """
     try:
         recorded = fleets.load_fleet(str(folder / FLEET_FILE))
     except UsageError as error:
@@ -40,12 +43,15 @@ def from_recording(folder: Path, edges: int | None) -> tuple[Fleet, Fleet]:
     spools = {entry.id: (_spools(folder) / f"{entry.id}.spool").resolve() for entry in recorded.robots}
     missing = [str(path) for path in spools.values() if not path.is_file()]
     if missing:
-        raise BadFile(f"{folder}: lacks {', '.join(missing)}")
-    robots = tuple(
+        made = "`recslam record` makes them, or a run with robot.record = true"
+        raise BadFile(f"{folder}: lacks the frames of its robots, {', '.join(missing)}; {made}")
+    if robots not in (None, len(spools)):
+        raise UsageError(f"--robots: {folder} is of {len(spools)} robots, and only a log is cut among others")
+    entries = tuple(
         entry.model_copy(update={"source": RecordingSource(path=spools[entry.id]), "join_after_s": 0.0})
         for entry in recorded.robots
     )
-    fleet = fleets.revised(recorded, robots=robots, batch=True, robot={"record": False, "realtime": False})
+    fleet = fleets.revised(recorded, robots=entries, batch=True, robot={"record": False, "realtime": False})
     return (fleet if edges is None else fleets.revised(fleet, edges=_edges(edges))), recorded
 
 

@@ -47,6 +47,7 @@ def test_without_a_router_a_command_ends_soon_with_exit_code_2_and_names_the_end
 def test_the_endpoint_is_taken_from_the_environment_where_no_cluster_runs(tmp_path: Path) -> None:
     done = call("status", cwd=tmp_path, RECSLAM_ENDPOINT=NOBODY)
     assert (done.returncode, NOBODY in done.stderr) == (2, True)
+    assert "comes from $RECSLAM_ENDPOINT" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -74,6 +75,20 @@ def test_a_folder_that_is_no_recording_is_exit_code_2(tmp_path: Path) -> None:
     done = call("replay", "empty", cwd=tmp_path)
     assert done.returncode == 2
     assert "is no recorded run" in done.stderr
+
+
+def test_a_run_that_kept_no_frames_is_exit_code_2_and_what_keeps_them_is_named(tmp_path: Path) -> None:
+    (tmp_path / "run" / "spool").mkdir(parents=True)
+    write_fleet(tmp_path).rename(tmp_path / "run" / "fleet.toml")
+    done = call("replay", "run", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "r1.spool" in done.stderr
+    assert "robot.record = true" in done.stderr
+    for name in ("r1", "r2"):
+        (tmp_path / "run" / "spool" / f"{name}.spool").touch()
+    done = call("replay", "run", "--robots", 3, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "--robots: run is of 2 robots" in done.stderr
 
 
 def test_a_service_refuses_what_it_does_not_know_by_itself(tmp_path: Path) -> None:
