@@ -23,6 +23,7 @@ def map_save(
     endpoint: Endpoint = None,
 ) -> None:
     """Save the global map as it is now: yaml + pgm for Nav2, png, transforms and trajectories."""
+    from common.grid.versions import count_of
     from services.command.collect import global_map
     from services.command.finding import find
     from services.command.results import write_results
@@ -32,7 +33,9 @@ def map_save(
             result = await global_map(bus)
         write_results(result, folder, name)
         final = "final" if result.notice.final else "not final"
-        typer.echo(f"map {result.notice.version} ({final}, {len(result.notice.components)} component(s)) in {folder}")
+        typer.echo(
+            f"map {count_of(result.notice.version)} ({final}, {len(result.notice.components)} component(s)) in {folder}"
+        )
 
     await_(save())
 

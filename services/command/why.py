@@ -32,6 +32,8 @@ MEANING = {
 
 async def verdict_on(bus: Bus, a: str, b: str) -> tuple[PairVerdict, str]:
     """The verdict on the two robots, named in sorted order, and who decided it. Raises UsageError when nobody has."""
+    if a == b:
+        raise UsageError(f"{a} and {b}: name two robots")
     names = tuple(sorted((a, b)))
     cloud = await collect.several(bus, keys.CLOUD_VERDICTS, Verdicts)
     edges = await collect.several(bus, keys.edge_verdicts(keys.ANY), Verdicts)
