@@ -41,9 +41,11 @@ class RobotMaps:
         for known in (self._told, self.delays, self.scan_s):
             known.pop(robot, None)
 
-    async def tell_all(self) -> None:
-        for robot in sorted(self._state.instances):
-            await self.tell(robot)
+    async def tell_all(self, worker: int) -> None:
+        """Tell of all robots in this worker; one that is stuck holds up nobody in others."""
+        for robot, instance in sorted(self._state.instances.items()):
+            if instance.worker == worker:
+                await self.tell(robot)
 
     async def tell(self, robot: str) -> None:
         """Publish a notice if the robot's map is another than last told."""

@@ -12,6 +12,7 @@ import logging
 import secrets
 import time
 from collections.abc import Coroutine
+from functools import partial
 from typing import Any
 
 from common.bus import Bus, Stream, keys
@@ -98,7 +99,8 @@ class EdgeWorker(Service):
         )
         self._follow_presence(keys.robot_alive(keys.ANY))
         self._every(TICK_S, lambda: self._feed(slam.Tick(time.monotonic())), "tick")
-        self._every(self._fleet.edge.map_every_s, self.maps.tell_all, "maps")
+        for worker in range(self.state.workers):
+            self._every(self._fleet.edge.map_every_s, partial(self.maps.tell_all, worker), f"maps of worker {worker}")
         self._start(self._fusion.run(), "fusion")
         self._tell_status(keys.edge_status(self.edge), self._report.status)
         if every_s := self._fleet.edge.probe_every_s:

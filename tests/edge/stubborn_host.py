@@ -36,3 +36,17 @@ class StubbornHost:
 class ThreadedHost(StubbornHost):
     def warm(self, kernel: str) -> None:
         threading.Thread(target=time.sleep, args=(3600,), daemon=True).start()
+
+
+class StuckHost(StubbornHost):
+    """Every scan is one too many; there is a new map each time that one asks."""
+
+    version = 0
+
+    def process(self, robot: str, data: bytes) -> str:
+        return super().process(robot, "sleep")
+
+    def news(self, robot: str) -> dict[str, Any]:
+        self.version += 1
+        told = {"version": self.version, "resolution": 0.05, "seq": -1, "final": False}
+        return told | {"corrections": 0, "corrected_m": 0.0, "slam_s": 0.0, "scan_s": 0.0}
