@@ -91,7 +91,7 @@ class Worker:
 
     async def close(self) -> None:
         """End the process and wait for it; what it had not answered is lost."""
-        if self.process.returncode is None:
+        if not self.gone.is_set():  # afterwards its number may be another process's
             with contextlib.suppress(ProcessLookupError):
                 self.process.kill()
         await self.process.wait()

@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 
 class Pool:
-    """`size` workers by number.
+    """`size` workers by number. `open` it, let `watch` run, and `close` it.
 
     `on_death(number, how)` is called on the loop once a worker has died and another stands under its number. A worker
     that spends more than `limit_s` on one scan is killed.
@@ -40,14 +40,17 @@ class Pool:
         """held while a template is being started"""
         self._forks = True
         """False for a kernel that cannot be forked, as it has threads: each of its workers is spawned and warms up"""
-        self._guards: set[asyncio.Task[None]] = set()
-        self._closing = False
 
     async def open(self) -> None:
         """Start all workers."""
-        for number in range(self._size):
+        for _ in range(self._size):
             self._workers.append(await self._warm_worker())
-            self._guard(number)
+
+    async def watch(self) -> None:
+        """Replace workers that die or are stuck, for ever. Raises what `on_death` does, in an exception group."""
+        async with asyncio.TaskGroup() as guards:
+            for number in range(self._size):
+                guards.create_task(self._replace_when_dead(number), name=f"guard of worker {number}")
 
     async def call(self, number: int, method: str, /, **arguments: Any) -> Any:
         """Call a method of the worker with this number. Raises WorkerError, or WorkerDied."""
@@ -57,11 +60,7 @@ class Pool:
         return [worker.process.pid for worker in self._workers]
 
     async def close(self) -> None:
-        """End all processes."""
-        self._closing = True
-        for guard in self._guards:
-            guard.cancel()
-        await asyncio.gather(*self._guards, return_exceptions=True)
+        """End all processes; nobody watches any more."""
         await asyncio.gather(*(worker.close() for worker in self._workers))
         if self._template is not None:
             await self._template.close()
@@ -84,12 +83,8 @@ class Pool:
             raise
         return worker
 
-    def _guard(self, number: int) -> None:
-        guard = asyncio.create_task(self._replace_when_dead(number), name=f"guard of worker {number}")
-        self._guards.add(guard)
-
     async def _replace_when_dead(self, number: int) -> None:
-        while not self._closing:
+        while True:
             worker = self._workers[number]
             how = await self._until_gone(worker)
             log.error("SLAM worker died", extra={"worker": number, "how": how})
@@ -108,9 +103,11 @@ class Pool:
                 continue
             if patience.stuck(turn if method == LIMITED else None, seen, asyncio.get_running_loop().time()):
                 how = f"killed: it spent more than {self._limit_s:g} s on one scan"
-                worker.process.kill()
+                with contextlib.suppress(ProcessLookupError):  # it has ended just now
+                    worker.process.kill()
                 await worker.gone.wait()
-        return how or f"ended with code {worker.process.returncode}"
+        code = worker.process.returncode
+        return how or (f"ended with code {code}" if code is not None else "ended, and nobody saw how")
 
     async def _next_worker(self) -> Worker:
         """Another one; what cannot be started is tried again."""

@@ -101,6 +101,7 @@ class EdgeWorker(Service):
         self._every(TICK_S, lambda: self._feed(slam.Tick(time.monotonic())), "tick")
         for worker in range(self.state.workers):
             self._every(self._fleet.edge.map_every_s, partial(self.maps.tell_all, worker), f"maps of worker {worker}")
+        self._start(self._pool.watch(), "SLAM workers")
         self._start(self._fusion.run(), "fusion")
         self._tell_status(keys.edge_status(self.edge), self._report.status)
         if every_s := self._fleet.edge.probe_every_s:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
 from types import MappingProxyType
 
 import numpy as np
 
 from common.wire import Frame, LaserScan, MapNotice, RobotProfile, Route, Routes
 from common.wire.base import Cover, Epoch
+from services.edge_worker.pool import Pool
 
 STREAM, OTHER = "a" * 32, "b" * 32
 SCAN = LaserScan(
@@ -49,3 +52,16 @@ def notice(robot: str, edge: str, version: int, final: bool = False, epoch: Epoc
     return MapNotice(
         robot=robot, edge=edge, epoch=epoch, version=version, resolution=0.05, cover=cover(9, epoch), final=final
     )
+
+
+@asynccontextmanager
+async def watched(pool: Pool) -> AsyncIterator[None]:
+    """The pool is open, and its workers are replaced when they die."""
+    await pool.open()
+    watching = asyncio.create_task(pool.watch())
+    try:
+        yield
+    finally:
+        watching.cancel()
+        await asyncio.gather(watching, return_exceptions=True)
+        await pool.close()

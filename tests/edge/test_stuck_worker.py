@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
+from edge_samples import watched
 
 from common.errors import WorkerDied
 from services.edge_worker.patience import Activity, Patience
@@ -17,8 +18,7 @@ TARGET = "tests.edge.stubborn_host:StubbornHost"
 async def test_a_worker_stuck_on_a_scan_is_replaced_and_others_go_on(how: str) -> None:
     deaths: asyncio.Queue[tuple[int, str]] = asyncio.Queue()
     pool = Pool(2, "graph", 0.4, lambda number, why: deaths.put_nowait((number, why)), TARGET)
-    await pool.open()
-    try:
+    async with watched(pool):
         stuck = asyncio.create_task(pool.call(0, "process", robot="r1", data=how))
         behind = asyncio.create_task(pool.call(0, "process", robot="r2", data="scan"))
         await pool.call(1, "finish", robot="r3")
@@ -33,8 +33,6 @@ async def test_a_worker_stuck_on_a_scan_is_replaced_and_others_go_on(how: str) -
                 await lost
         assert await pool.call(0, "process", robot="r1", data="scan") == "scan"
         assert deaths.empty()
-    finally:
-        await pool.close()
 
 
 def test_time_without_a_processor_is_not_spent() -> None:

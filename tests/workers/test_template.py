@@ -62,6 +62,20 @@ async def test_workers_go_on_when_their_template_dies_and_it_forks_no_more(templ
     assert await asyncio.to_thread(gone, {one.process.pid, two.process.pid})
 
 
+async def test_a_worker_that_ended_after_its_template_is_not_killed_again(
+    template: Template, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    worker = await template.fork()
+    template.process.kill()
+    await template.gone.wait()
+    with pytest.raises(WorkerDied):
+        await worker.call("die")
+    killed: list[int] = []
+    monkeypatch.setattr(os, "kill", lambda pid, number: killed.append(pid))
+    await worker.close()
+    assert killed == [], "by now this may be the number of another process"
+
+
 async def test_a_template_that_dies_while_it_is_asked_for_a_worker_says_so(template: Template) -> None:
     os.kill(template.process.pid, signal.SIGSTOP)
     asked = asyncio.create_task(template.fork())
