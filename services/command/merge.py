@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import UsageError
+from common.errors import BadFile, UsageError
 from common.formats.map_server import SavedMap, read_map, write_map
 from common.formats.picture import write_png
 from common.fusion.layout import bounds, lay_out
@@ -28,6 +28,8 @@ from common.grid.compose import compose_into
 from common.grid.render import render
 from common.wire.edge import PairVerdict
 
+MOST_CELLS = 200_000_000
+"""of a saved map drawn at the finest resolution: half a square kilometre at 5 cm"""
 VOTES = 100
 """visits that a known cell of a saved map counts for: such maps tell no counts, so each has one equal vote"""
 
@@ -166,6 +168,7 @@ def overlap_lines(merged: Merged) -> list[str]:
 
 def _pieces(paths: Sequence[Path]) -> dict[str, Piece]:
     saved = {name: (path, read_map(path)) for name, path in zip(_names(paths), paths, strict=True)}
+    _check_sizes(saved)
     coarsest = max(each.resolution for _, each in saved.values())
     pieces = {}
     for name, (path, each) in sorted(saved.items()):
@@ -173,6 +176,18 @@ def _pieces(paths: Sequence[Path]) -> dict[str, Piece]:
         compared = grid if grid.resolution == coarsest else render(grid, np.zeros(3), coarsest)
         pieces[name] = Piece(path, each, grid, MatchMap.from_grid(compared))
     return pieces
+
+
+def _check_sizes(saved: dict[str, tuple[Path, SavedMap]]) -> None:
+    """Raises BadFile for a map that is far too large to be drawn at the resolution of the finest one."""
+    finest = min(each.resolution for _, each in saved.values())
+    for path, each in saved.values():
+        height, width = (count * each.resolution for count in each.occupancy.shape)
+        if height / finest * (width / finest) > MOST_CELLS:
+            raise BadFile(
+                f"{path}: resolution {each.resolution:g} makes it {width:.0f} x {height:.0f} m, too much to be drawn "
+                f"at {finest:g} m a cell; is it in metres?"
+            )
 
 
 def _names(paths: Sequence[Path]) -> list[str]:

@@ -20,7 +20,7 @@ def await_(work: Coroutine[Any, Any, T]) -> T:
 
 
 def checked(work: Callable[[], T]) -> T:
-    """The result of `work()`; our own errors become one line and an exit code."""
+    """The result of `work()`; our own errors, and files that cannot be written, become one line and an exit code."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     try:
         return work()
@@ -30,6 +30,11 @@ def checked(work: Callable[[], T]) -> T:
     except RecslamError as error:
         print(f"recslam: {error}", file=sys.stderr)
         exit_(1)
+    except OSError as error:
+        if error.filename is None:
+            raise
+        print(f"recslam: {error.filename}: {error.strerror}", file=sys.stderr)
+        exit_(2)
     except KeyboardInterrupt:
         exit_(130)
 

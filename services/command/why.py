@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,11 @@ import numpy as np
 from common.bus import Bus, keys
 from common.bus.tiles import fetch_tiles
 from common.errors import QueryFailed, UsageError
+from common.formats.picture import encode_png
 from common.fusion.match import match
 from common.fusion.matchmap import MatchMap
 from common.fusion.pairs import seed_of
-from common.fusion.picture import overlay, write_png
+from common.fusion.picture import overlay
 from common.geometry import between
 from common.geometry.se2 import Pose
 from common.grid.raster import Raster
@@ -94,7 +96,8 @@ async def draw(bus: Bus, verdict: PairVerdict, placed: Transforms | None, path: 
     if pose is None:
         raise UsageError(f"there is no placement to show: {verdict.reason}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_png(str(path), overlay(a, b, pose))
+    blue_first = np.ascontiguousarray(overlay(a, b, pose)[..., ::-1])
+    await asyncio.to_thread(path.write_bytes, encode_png(blue_first))
     return shown
 
 

@@ -91,6 +91,12 @@ def test_a_run_that_kept_no_frames_is_exit_code_2_and_what_keeps_them_is_named(t
     assert "--robots: run is of 2 robots" in done.stderr
 
 
+def test_a_folder_that_cannot_be_made_is_exit_code_2_and_named(tmp_path: Path) -> None:
+    done = call("record", write_fleet(tmp_path, seconds=1), "--out", "/proc/nowhere", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "recslam: /proc/nowhere: No such file or directory\n"
+
+
 def test_a_service_refuses_what_it_does_not_know_by_itself(tmp_path: Path) -> None:
     done = call("edge", "--id", "edge-1", "--config", "apratment", cwd=tmp_path)
     assert (done.returncode, "apratment" in done.stderr) == (2, True)

@@ -87,6 +87,13 @@ def test_a_file_that_is_no_map_is_named(tmp_path: Path) -> None:
         merge([tmp_path / "noise.yaml", tmp_path / "noise.yaml"])
 
 
+def test_a_map_whose_resolution_is_not_in_metres_is_named(tmp_path: Path) -> None:
+    cells = np.zeros((1000, 1000), np.int8)
+    right, wrong = write_map(tmp_path / "right", cells, 0.05), write_map(tmp_path / "wrong", cells, 50.0)
+    with pytest.raises(BadFile, match=r"wrong\.yaml: resolution 50 makes it 50000 x 50000 m.*in metres"):
+        merge([right, wrong])
+
+
 @pytest.mark.skipif("RECSLAM_DATA" not in os.environ, reason="RECSLAM_DATA names no folder of real data")
 def test_parts_of_a_real_floor_plan_are_placed_to_a_cell() -> None:
     folder = Path(os.environ["RECSLAM_DATA"]) / "maps" / "utexas_gdc"
