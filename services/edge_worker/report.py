@@ -4,31 +4,37 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from typing import TYPE_CHECKING
 
+from common.bus import Bus
+from common.link import LinkMeter
 from common.telemetry import process_stats
 from common.wire import EdgeStatus, InstanceStatus
 from common.wire.edge import VANISHED
+from services.edge_worker.fusion import Fusion
 from services.edge_worker.instance import Phase
-
-if TYPE_CHECKING:
-    from services.edge_worker.service import EdgeWorker
+from services.edge_worker.pool import Pool
+from services.edge_worker.robot_maps import RobotMaps
+from services.edge_worker.state import EdgeState
 
 PROBLEMS = 16
 
 
 class Report:
-    def __init__(self, edge: EdgeWorker) -> None:
-        self._edge = edge
+    def __init__(
+        self, state: EdgeState, pool: Pool, fusion: Fusion, maps: RobotMaps, bus: Bus, links: LinkMeter
+    ) -> None:
+        self._state, self._pool, self._fusion, self._maps = state, pool, fusion, maps
+        self._bus, self._links = bus, links
         self._problems: deque[str] = deque(maxlen=PROBLEMS)
 
     def problem(self, text: str) -> None:
         """Keep a refusal to be shown, with its sender."""
         self._problems.append(text[:500])
 
-    def status(self) -> EdgeStatus:
-        edge, state, bus = self._edge, self._edge.state, self._edge.bus
-        used = process_stats(edge.worker_pids())
+    def status(self, dropped: int) -> EdgeStatus:
+        """`dropped` are the frames that came faster than they were taken."""
+        state, fusion, bus = self._state, self._fusion, self._bus
+        used = process_stats([*self._pool.pids(), *fusion.pids()])
         instances = tuple(
             InstanceStatus(
                 robot=robot,
@@ -36,7 +42,7 @@ class Report:
                 processed=each.processed,
                 pending=len(each.backlog.waiting) + len(each.in_flight),
                 worker=each.worker,
-                scan_ms=1e3 * edge.maps.scan_s.get(robot, 0.0),
+                scan_ms=1e3 * self._maps.scan_s.get(robot, 0.0),
                 gaps=each.backlog.gaps,
                 skipped=each.skipped,
             )
@@ -44,23 +50,23 @@ class Report:
         )
         counters = {
             **state.counters,
-            "frames dropped by the bus": edge.dropped(),
+            "frames dropped by the bus": dropped,
             "frames too early": sum(each.backlog.overrun for each in state.instances.values()),
             "frames of another stream": sum(each.foreign for each in state.instances.values()),
             "messages refused": bus.counters.refused.total(),
-            "fusion failures": edge.fusion.failures,
+            "fusion failures": fusion.failures,
         }
         return EdgeStatus(
-            edge=edge.edge,
+            edge=state.edge,
             cores=os.cpu_count() or 1,
             cpu_s=used.cpu_s,
             rss_mb=used.rss_mb,
             instances=instances,
-            fusing=tuple(sorted(edge.fusion.state.members)),
-            stages=edge.fusion.stages,
+            fusing=tuple(sorted(fusion.state.members)),
+            stages=fusion.stages,
             counters=counters,
             bytes_in=bus.counters.received_bytes,
             bytes_out=bus.counters.sent_bytes,
-            links=edge.links.statuses(),
+            links=self._links.statuses(),
             problems=(*bus.problems, *self._problems)[-PROBLEMS:],
         )

@@ -24,6 +24,7 @@ from common.presence import Linked, RobotSeen
 from common.service import Service
 from common.wire import (
     Ack,
+    EdgeStatus,
     EndOfStream,
     Frame,
     FramePage,
@@ -80,7 +81,9 @@ class EdgeWorker(Service):
         self._fusion = Fusion(fleet, edge, bus, self.links)
         self.maps = RobotMaps(edge, self.state, self._pool, bus)
         self._frames: dict[str, Stream[Received]] = {}
-        self._report = Report(self)
+        self._dropped = 0
+        """frames of robots that have been released, of those that the bus dropped"""
+        self._report = Report(self.state, self._pool, self._fusion, self.maps, bus, self.links)
         self._kernels = Kernels(fleet, self.state, self._pool, bus, self._report.problem)
 
     async def _open(self) -> None:
@@ -103,7 +106,7 @@ class EdgeWorker(Service):
             self._every(self._fleet.edge.map_every_s, partial(self.maps.tell_all, worker), f"maps of worker {worker}")
         self._start(self._pool.watch(), "SLAM workers")
         self._start(self._fusion.run(), "fusion")
-        self._tell_status(keys.edge_status(self.edge), self._report.status)
+        self._tell_status(keys.edge_status(self.edge), self._status)
         if every_s := self._fleet.edge.probe_every_s:
             self._start(Probes(self.edge, self.bus, self.state, self.links, every_s).run(), "probes")
 
@@ -171,7 +174,9 @@ class EdgeWorker(Service):
             case Claim():
                 self._start(self.bus.latch(keys.edge_claims(self.edge), self.state.claims()), "claims")
             case Release(robot):
-                self._frames.pop(robot).close()
+                stream = self._frames.pop(robot)
+                stream.close()
+                self._dropped += stream.dropped
                 self.maps.forget(robot)
                 self._start(self._release(step), f"close {robot}")
 
@@ -216,7 +221,7 @@ class EdgeWorker(Service):
     async def _finish(self, step: Finish) -> None:
         await self._answered(self._kernels.finish(step))
         # first its state: who has seen the final map must not find one from before it
-        await self.bus.latch(keys.edge_status(self.edge), self._report.status())
+        await self.bus.latch(keys.edge_status(self.edge), self._status())
         await self.maps.tell(step.robot)
 
     async def _release(self, step: Release) -> None:
@@ -242,12 +247,5 @@ class EdgeWorker(Service):
             )
             await self.bus.latch(keys.edge_ack(self.edge, robot), ack)
 
-    def worker_pids(self) -> list[int]:
-        return [*self._pool.pids(), *self._fusion.pids()]
-
-    @property
-    def fusion(self) -> Fusion:
-        return self._fusion
-
-    def dropped(self) -> int:
-        return sum(stream.dropped for stream in self._frames.values())
+    def _status(self) -> EdgeStatus:
+        return self._report.status(self._dropped + sum(stream.dropped for stream in self._frames.values()))
