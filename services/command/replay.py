@@ -58,13 +58,15 @@ def from_recording(folder: Path, robots: int | None, edges: int | None) -> tuple
 def record(fleet: Fleet, out: Path) -> dict[str, int]:
     """Spool all frames of a fleet of logs and simulated robots into `out`; robot → frames. Nothing else runs.
 
-    Raises UsageError when a robot has no end, or `out` holds a recording already.
+    Raises UsageError when a robot has no end, or `out` holds a recording or a part of one already.
     """
     if not fleet.robots:
         raise UsageError("robots: none; there is nothing to record")
     if (out / FLEET_FILE).exists():
         raise UsageError(f"{out}: holds a recorded run already; choose another --out")
     out.mkdir(parents=True, exist_ok=True)
+    if any(out.glob("*.spool")):  # the robots would go on with it, whatever fleet it is of
+        raise UsageError(f"{out}: holds a recording that was broken off; remove it, or choose another --out")
     names = [entry.id for entry in fleet.robots]
     workers = min(len(names), os.cpu_count() or 1)
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:

@@ -97,6 +97,14 @@ def test_a_folder_that_cannot_be_made_is_exit_code_2_and_named(tmp_path: Path) -
     assert done.stderr == "recslam: /proc/nowhere: No such file or directory\n"
 
 
+def test_a_recording_that_was_broken_off_is_not_gone_on_with(tmp_path: Path) -> None:
+    (tmp_path / "half").mkdir()
+    (tmp_path / "half" / "r1.spool").touch()
+    done = call("record", write_fleet(tmp_path, seconds=1), "--out", "half", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "half: holds a recording that was broken off" in done.stderr
+
+
 def test_a_service_refuses_what_it_does_not_know_by_itself(tmp_path: Path) -> None:
     done = call("edge", "--id", "edge-1", "--config", "apratment", cwd=tmp_path)
     assert (done.returncode, "apratment" in done.stderr) == (2, True)
