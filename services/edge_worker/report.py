@@ -49,10 +49,8 @@ class Report:
             for robot, each in sorted(state.instances.items())
         )
         counters = {
-            **state.counters,
+            **state.counts(),
             "frames dropped by the bus": dropped,
-            "frames too early": sum(each.backlog.overrun for each in state.instances.values()),
-            "frames of another stream": sum(each.foreign for each in state.instances.values()),
             "messages refused": bus.counters.refused.total(),
             "fusion failures": fusion.failures,
         }

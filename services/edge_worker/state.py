@@ -177,6 +177,13 @@ class EdgeState:
             case _:
                 return self._answered(event)
 
+    def counts(self) -> dict[str, int]:
+        """What was dropped or refused since the start, also of robots that have been released."""
+        counts = self.counters.copy()
+        for each in self.instances.values():
+            counts.update(_dropped(each))
+        return dict(counts)
+
     def claims(self) -> Claims:
         claims = {name: each.epoch for name, each in self.instances.items()}
         return Claims(edge=self.edge, claims=claims, epoch=self.epoch)
@@ -259,6 +266,7 @@ class EdgeState:
 
     def _release(self, instance: Instance) -> Instructions:
         del self.instances[instance.robot]
+        self.counters.update(_dropped(instance))
         self.lives[instance.robot] = instance.life
         return [Release(instance.robot, instance.life, instance.worker)]
 
@@ -279,3 +287,7 @@ class EdgeState:
         if end is None or instance.stream not in ("", end.stream):
             return []
         return instance.stream_ended(end.stream, end.last_seq)
+
+
+def _dropped(instance: Instance) -> dict[str, int]:
+    return {"frames too early": instance.backlog.overrun, "frames of another stream": instance.foreign}

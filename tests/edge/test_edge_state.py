@@ -6,6 +6,7 @@ from edge_samples import OTHER, STREAM, frame, profile, routes
 
 from common.wire import EndOfStream
 from services.edge_worker import state as slam
+from services.edge_worker.backlog import AHEAD
 from services.edge_worker.instance import Phase
 from services.edge_worker.instructions import Claim, Instruction, Open, Release
 from services.edge_worker.state import EdgeState
@@ -95,3 +96,17 @@ def test_frames_of_robots_not_run_here_are_counted() -> None:
     state = edge()
     assert state.handle(slam.FrameCame(frame(0))) == []
     assert state.counters["frames of robots not run here"] == 1
+
+
+def test_dropped_frames_stay_counted_when_their_robot_is_released() -> None:
+    state = edge()
+    state.handle(slam.Profiled(profile()))
+    taken(state, "r1")
+    state.handle(slam.FrameCame(frame(0, stream=OTHER)))
+    state.handle(slam.FrameCame(frame(AHEAD)))
+    counts = state.counts()
+    assert (counts["frames of another stream"], counts["frames too early"]) == (1, 1)
+    state.handle(slam.Routed(routes(2, {"r1": "e2"})))
+    assert state.counts() == counts
+    taken(state, "r1", n=3)
+    assert state.counts() == counts
