@@ -39,6 +39,8 @@ from services.cloud_merger.parts import Part, together
 PATIENCE = 3
 """ticks for which the global map waits rather than shrink: until edges have rendered onto a new world, or until the
 edge that a robot has come to shows it"""
+UNSEEN = 100
+"""worlds above those shown that an earlier cloud may have told: an edge that is late with one must not seem in ours"""
 
 
 @dataclass
@@ -221,16 +223,13 @@ class CloudState:
             return []
         self.solving, self.changed = True, False
         robots = tuple(sorted(self.sketches))
-        known = {
-            pair: verdict
-            for edge in self.fusing_edges()
-            for pair, verdict in sorted(self.verdicts.get(edge, {}).items())
-        }
-        by_edges = {pair for edge in self.fusing_edges() for pair in all_pairs(self._fused_at(edge))}
-        theirs = tuple(verdict for pair, verdict in known.items() if pair in by_edges)
+        by_edges = {pair: edge for edge in self.fusing_edges() for pair in all_pairs(self._fused_at(edge))}
+        told = [self.verdicts.get(edge, {}).get(pair) for pair, edge in by_edges.items()]
+        theirs = tuple(verdict for verdict in told if verdict is not None)
         # which final pairs need a search depends on all maps, so only who has all can tell
         pairs = tuple(pair for pair in all_pairs(robots) if final or pair not in by_edges)
         above = max([notice.world_epoch for notice in self.edge_maps.values()], default=0)
+        above += UNSEEN if above and self.world is None else 0
         return [Solve(robots, pairs, theirs, final, self.world, above)]
 
     def _solved(self, transforms: Transforms | None) -> list[Instruction]:
