@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -26,11 +26,9 @@ _ROW = 2**32
 
 Cells = NDArray[np.int64]
 """sorted distinct cell ids"""
-Source = Literal["unknown", "start", "route", "map", "sketch"]
-SOURCES: tuple[Source, ...] = ("unknown", "start", "route", "map", "sketch")
+Source = Literal["unknown", "start", "route", "map"]
+SOURCES: tuple[Source, ...] = ("unknown", "start", "route", "map")
 """where an overlap comes from, from the weakest evidence to the strongest"""
-CONFIDENCE: dict[Source, float] = {"unknown": 0.0, "start": 0.3, "route": 0.6, "map": 0.9, "sketch": 1.0}
-"""default trust in a footprint of this source, 0 to 1"""
 
 
 def cells_of_points(points: ArrayLike) -> Cells:
@@ -84,20 +82,6 @@ class Footprint:
     """name of the frame that the cells are in, for example that of the robot's component"""
     cells: Cells
     source: Source = "map"
-    confidence: float | None = None
-    """None: that of the source"""
-
-    @property
-    def trust(self) -> float:
-        return CONFIDENCE[self.source] if self.confidence is None else self.confidence
-
-
-@dataclass(frozen=True)
-class PairOverlap:
-    """An overlap measured on the two maps themselves, whatever frames they are in."""
-
-    weight: float
-    confidence: float = CONFIDENCE["sketch"]
 
 
 @dataclass(frozen=True)
@@ -108,8 +92,6 @@ class Overlap:
     weights: Weights
     source: NDArray[np.int8]
     """index into SOURCES"""
-    confidence: NDArray[np.float64]
-    """0 to 1"""
 
     def sources(self) -> dict[str, int]:
         """How many pairs were estimated from what."""
@@ -133,13 +115,10 @@ def lattice_cells(footprints: Sequence[Footprint]) -> tuple[Cells, ...]:
     return tuple(out)
 
 
-def overlap_matrix(
-    footprints: Sequence[Footprint], pairs: Mapping[tuple[str, str], PairOverlap] | None = None
-) -> Overlap:
+def overlap_matrix(footprints: Sequence[Footprint]) -> Overlap:
     """The overlap of every two robots, in the order of `footprints`.
 
-    `pairs` are measured overlaps, in any order of names, that go before what footprints say. A pair's source and
-    confidence are those of the weaker footprint; an empty footprint is unknown. Weights are quantised.
+    A pair's source is that of the weaker footprint; an empty footprint is unknown. Weights are quantised.
     """
     count = len(footprints)
     cells = lattice_cells(footprints)
@@ -152,13 +131,6 @@ def overlap_matrix(
     frames = np.array([footprint.frame for footprint in footprints], dtype=object)
     known = (frames[:, None] == frames[None, :]) & (sizes > 0)[:, None] & (sizes > 0)[None, :]
     ranks = np.array([SOURCES.index(footprint.source) for footprint in footprints], dtype=np.int8)
-    trusts = np.array([footprint.trust for footprint in footprints], dtype=np.float64)
     source = np.where(known, np.minimum(ranks[:, None], ranks[None, :]), 0).astype(np.int8)
-    confidence = np.where(known, np.minimum(trusts[:, None], trusts[None, :]), 0.0)
-    index = {footprint.robot: at for at, footprint in enumerate(footprints)}
-    for (a, b), pair in (pairs or {}).items():
-        if a in index and b in index:
-            for at in ((index[a], index[b]), (index[b], index[a])):
-                weights[at], source[at], confidence[at] = pair.weight, SOURCES.index("sketch"), pair.confidence
     np.fill_diagonal(weights, 0.0)
-    return Overlap(tuple(index), quantise(weights), source, confidence)
+    return Overlap(tuple(footprint.robot for footprint in footprints), quantise(weights), source)

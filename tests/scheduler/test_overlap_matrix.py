@@ -9,7 +9,6 @@ from services.scheduler.graph import QUANTUM
 from services.scheduler.overlap import (
     SOURCES,
     Footprint,
-    PairOverlap,
     cells_of_points,
     cells_of_raster,
     cells_of_route,
@@ -45,7 +44,6 @@ def test_footprints_in_different_frames_are_unknown_to_each_other() -> None:
     overlap = overlap_matrix(footprints)
     assert overlap.weights[0, 1] == 0
     assert SOURCES[overlap.source[0, 1]] == "unknown"
-    assert overlap.confidence[0, 1] == 0
     assert not set(lattice_cells(footprints)[0].tolist()) & set(lattice_cells(footprints)[1].tolist())
 
 
@@ -53,20 +51,12 @@ def test_an_entry_is_as_sure_as_the_weaker_of_its_footprints() -> None:
     footprints = [
         Footprint("a", "w", square(0, 0, 4), "map"),
         Footprint("b", "w", square(1, 0, 4), "start"),
-        Footprint("c", "w", square(2, 0, 4), "map", confidence=0.5),
+        Footprint("c", "w", square(2, 0, 4), "map"),
         Footprint("d", "w", np.empty(0, dtype=np.int64), "map"),
     ]
     overlap = overlap_matrix(footprints)
     assert [SOURCES[s] for s in overlap.source[0]] == ["map", "start", "map", "unknown"]
-    assert overlap.confidence[0, 1:].tolist() == [0.3, 0.5, 0.0]
     assert overlap.sources() == {"unknown": 3, "start": 2, "map": 1}
-
-
-def test_an_overlap_measured_on_the_maps_goes_before_footprints() -> None:
-    footprints = [Footprint("a", "w", square(0, 0, 4)), Footprint("b", "x", square(0, 0, 4))]
-    overlap = overlap_matrix(footprints, {("b", "a"): PairOverlap(0.25), ("b", "gone"): PairOverlap(0.5)})
-    assert overlap.weights[0, 1] == overlap.weights[1, 0] == 0.25
-    assert overlap.sources() == {"sketch": 1}
 
 
 def test_a_turned_raster_covers_the_same_place_as_its_cells() -> None:
