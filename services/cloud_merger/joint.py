@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
@@ -9,10 +10,14 @@ from typing import Any
 import numpy as np
 
 from common.bus import Bus
-from common.bus.trajectory import fetch_trajectory
+from common.bus.trajectory import Trajectory, fetch_trajectory
 from common.errors import PeerError, QueryFailed
 from common.wire import Transforms, decode
 from common.workers import WorkerError
+
+TRIES = 5
+RETRY_S = 1.0
+"""a router that is lost for a moment must not cost the final map its correction"""
 
 log = logging.getLogger(__name__)
 
@@ -49,8 +54,18 @@ async def _tracks(solved: Mapping[str, Any], edges: Mapping[str, str], bus: Bus)
     for robot in sorted({robot for pair in solved["merged"] for robot in pair}):
         if robot not in edges:
             raise QueryFailed("it has left meanwhile", f"robot/{robot}")
-        found = await fetch_trajectory(bus, edges[robot], robot)
+        found = await _track(bus, edges[robot], robot)
         if found.version != world.robots[robot].version:
             raise QueryFailed("its map has changed meanwhile", f"robot/{robot}")
         tracks[robot] = np.ascontiguousarray(found.poses, np.float64).tobytes()
     return tracks
+
+
+async def _track(bus: Bus, edge: str, robot: str) -> Trajectory:
+    for _ in range(TRIES - 1):
+        try:
+            return await fetch_trajectory(bus, edge, robot)
+        except QueryFailed as error:
+            log.info("asking again for a trajectory", extra={"robot": robot, "edge": edge, "reason": error})
+            await asyncio.sleep(RETRY_S)
+    return await fetch_trajectory(bus, edge, robot)

@@ -11,25 +11,31 @@ import pytest
 from common.bus import Bus
 from common.errors import QueryFailed
 from common.wire import FixedPose, Message, Placed, TrajectoryPage, Transforms, encode
-from services.cloud_merger.joint import corrected
+from services.cloud_merger.joint import TRIES, corrected
 
 EDGES = {"r1": "e1", "r2": "e2", "r3": "e1"}
 VERSION = 7
 
 
 class Edges:
-    """Trajectories as edges show them, of this map version; none of an edge that is gone."""
+    """Trajectories as edges show them, of this map version; an edge that is gone does not answer so many times."""
 
-    def __init__(self, version: int = VERSION, gone: str = "") -> None:
-        self.version, self.gone, self.asked = version, gone, list[str]()
+    def __init__(self, version: int = VERSION, gone: str = "", times: int = TRIES) -> None:
+        self.version, self.gone, self.times, self.asked = version, gone, times, list[str]()
 
     async def pages(self, key: str, params: Mapping[str, str] = {}) -> AsyncIterator[Message]:
         self.asked.append(key)
-        if self.gone and self.gone in key:
+        if self.gone and self.gone in key and self.times:
+            self.times -= 1
             raise QueryFailed("nobody answers; is its owner up?", key)
         for start, following in ((0, 2), (2, None)):
             rows = np.arange(4.0 * start, 4.0 * (start + 2)).reshape(2, 4)
             yield TrajectoryPage(robot=key.split("/")[3], version=self.version, poses=rows, next=following)
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.cloud_merger.joint.RETRY_S", 0.0)
 
 
 def solved() -> dict[str, Any]:
@@ -59,6 +65,11 @@ async def test_the_merged_robots_whole_trajectories_go_into_the_correction() -> 
     rows = np.frombuffer(arguments["tracks"]["r2"]).reshape(-1, 4)
     assert np.array_equal(rows, np.arange(16.0).reshape(4, 4))
     assert (done["transforms"], done["seconds"], problems) == (b"corrected", 1.5, [])
+
+
+async def test_an_edge_that_does_not_answer_for_a_moment_is_asked_again() -> None:
+    done, calls, problems = await run(Edges(gone="e2", times=TRIES - 1))
+    assert (done["transforms"], len(calls), problems) == (b"corrected", 1, [])
 
 
 @pytest.mark.parametrize(
