@@ -12,6 +12,8 @@ from common.grid.grid import Grid, TileKey
 from common.grid.tiles import encode_counts
 from common.grid.versions import life_of
 
+TILE_HEAD = 40
+"""bytes that a tile takes in a message at most beside its cells: empty ones are not free"""
 LONGEST = 18
 """digits of a number in a query: with any more it may not fit into 64 bits"""
 TileData = tuple[int, int, int, bytes]
@@ -49,11 +51,11 @@ def page(tiled: Tiled, since: int, cursor: str, limit_bytes: int, encode: Callab
     size = 0
     for version, key in order:
         data = encode(tiled.tiles[key])
-        if tiles and size + len(data) > limit_bytes:
+        if tiles and size + len(data) + TILE_HEAD > limit_bytes:
             last = tiles[-1]
             return Page(tiles, f"{last[2]}.{last[0]}.{last[1]}")
         tiles.append((key[0], key[1], version, data))
-        size += len(data) + 16
+        size += len(data) + TILE_HEAD
     return Page(tiles, None)
 
 

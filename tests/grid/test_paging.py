@@ -7,11 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common.bus.tiles import TILE_BYTES, tile_page
 from common.errors import UsageError
 from common.grid import Grid
-from common.grid.paging import page, parse_cursor, parse_number
+from common.grid.paging import counts_page, page, parse_cursor, parse_number
 from common.grid.tiles import decode_counts, encode_counts
 from common.grid.versions import count_of, first_version, life_of
+from common.wire import encode
+from common.wire.limits import MAX_PAGE_BYTES
 
 CHANGES = st.lists(st.tuples(st.integers(-2, 2), st.integers(-2, 2), st.integers(0, 9)), max_size=6)
 
@@ -84,6 +87,15 @@ def test_a_tile_above_the_limit_travels_alone() -> None:
     grid = Grid(0.05)
     grid.replace([((0, 0), tile(1)), ((1, 0), tile(2))])
     assert len(page(grid, 0, "", 1, encode_counts).tiles) == 1
+
+
+@pytest.mark.parametrize("visits", [0, 1])
+def test_a_page_of_many_small_tiles_stays_below_what_a_reply_may_hold(visits: int) -> None:
+    grid = Grid(0.05, version=first_version(2**32 - 1))
+    grid.replace(((x, -70_000), tile(visits)) for x in range(66_000, 76_000))
+    found = counts_page(grid, 0, "", TILE_BYTES)
+    assert found["next"] is not None
+    assert len(encode(tile_page("edge/e1", "counts", found, {}, False, 0))) < MAX_PAGE_BYTES
 
 
 def test_lives_do_not_meet_however_many_changes_there_are() -> None:
