@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from reprlib import repr as short
 from typing import Any
 
 import msgpack
@@ -40,6 +41,9 @@ AnyMessage = (
 )
 """The closed union of what travels; `match` on it."""
 
+FAULTS = 8
+"""faults of one message or file that are told; more are only counted"""
+
 KINDS: dict[str, type[Message]] = {kind.__name__: kind for kind in AnyMessage.__args__}
 
 
@@ -62,6 +66,7 @@ def decode(data: bytes, sender: str = "") -> Message:
     if len(data) > MAX_MESSAGE_BYTES:
         raise BadMessage(f"{len(data)} bytes are over the limit of {MAX_MESSAGE_BYTES}", sender)
     try:
+        _walk(data)
         parts = msgpack.unpackb(
             data,
             ext_hook=_ext,
@@ -78,9 +83,9 @@ def decode(data: bytes, sender: str = "") -> Message:
         raise BadMessage("not a [version, kind, fields] triple", sender)
     version, kind, fields = parts
     if version != VERSION or version is True:
-        raise BadMessage(f"wire version {version!r}, this program speaks {VERSION}; upgrade the older side", sender)
+        raise BadMessage(f"wire version {short(version)}, this program has {VERSION}; upgrade the older side", sender)
     if not isinstance(kind, str) or kind not in KINDS:
-        raise BadMessage(f"unknown kind {kind!r}", sender)
+        raise BadMessage(f"unknown kind {short(kind)}", sender)
     try:
         return KINDS[kind].model_validate(fields)
     except ValidationError as error:
@@ -88,10 +93,12 @@ def decode(data: bytes, sender: str = "") -> Message:
 
 
 def explain(error: ValidationError) -> str:
-    """`field: what is wrong` for each fault, without pydantic's links."""
-    return "; ".join(
-        f"{'.'.join(str(part) for part in fault['loc']) or 'message'}: {fault['msg']}" for fault in error.errors()
-    )
+    """`field: what is wrong` for the first faults, without pydantic's links."""
+    faults = error.errors(include_url=False, include_context=False, include_input=False)
+    told = [
+        f"{'.'.join(str(part)[:64] for part in fault['loc']) or 'message'}: {fault['msg']}" for fault in faults[:FAULTS]
+    ]
+    return "; ".join(told) + (f"; and {len(faults) - FAULTS} more" if len(faults) > FAULTS else "")
 
 
 def plain(value: Any) -> Any:
@@ -103,6 +110,17 @@ def plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     return value
+
+
+def _walk(data: bytes) -> None:
+    """Pass over the data without making anything of it. Raises what msgpack raises when its end is missing.
+
+    An array's memory is taken when its length is read: a thousand within each other, none of them there to its end,
+    would take half a gigabyte.
+    """
+    reader = msgpack.Unpacker(max_buffer_size=MAX_MESSAGE_BYTES)
+    reader.feed(data)
+    reader.skip()
 
 
 def _default(value: Any) -> Any:

@@ -104,6 +104,8 @@ def check_contained(data: bytes) -> None:
         (packed("Refusal", {"reason": "x"}, True), "wire version True"),
         (packed("Hello", {}), "unknown kind 'Hello'"),
         (packed("Message", {}), "unknown kind"),
+        (packed("K" * 60_000, {}), "unknown kind 'KKKKKKKKKKKK...KKKKKKKKKKKKK'"),
+        (packed("Refusal", {}, "1" * 60_000), "wire version '111111111111...1111111111111'"),
         (msgpack.packb([VERSION, ["x"], {}]), "unknown kind"),
         (msgpack.packb([VERSION, "Refusal"]), "triple"),
         (msgpack.packb({"version": 1}), "triple"),
@@ -162,6 +164,7 @@ def test_frames_keep_their_limits(field: str, array: np.ndarray) -> None:
         b"\xdf\x00\x01\x00\x00" * 2000,
         b"\x91" * 100_000,
         b"\xdd\xff\xff\xff\xff",
+        b"\xdc\xff\xff" * 1000 + b"\xc0" * 66_000,
         b"\xc9\xff\xff\xff\xff\x01",
         b"\xc6\xff\xff\xff\xff",
         msgpack.packb(msgpack.ExtType(EXT_ARRAY, b"f8\x01\xff\xff\xff\xff")),
@@ -173,6 +176,24 @@ def test_a_few_bytes_cannot_claim_much_memory(data: bytes) -> None:
     with pytest.raises(BadMessage):
         decode(data)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 64 * 1024  # KiB really touched
+
+
+def test_a_message_full_of_faults_costs_no_more_than_one_that_is_sound() -> None:
+    names = ["!"] * 60_000
+    component = {"id": "x", "robots": names, "transforms": dict.fromkeys(map(str, range(60_000)))}
+    fields = {**plain(SAMPLES["EdgeMapNotice"]), "components": [component] * 10, "x" * 60_000: 1}
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(BadMessage, match=r"^robot/bad: EdgeMapNotice: components\.0\.robots\.0: ") as caught:
+        decode(packed("EdgeMapNotice", fields), "robot/bad")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 128 * 1024  # KiB
+    assert len(str(caught.value)) < 1000
+
+
+def test_of_many_faults_the_first_are_told_and_the_others_counted() -> None:
+    fields = {**plain(SAMPLES["Refusal"]), **dict.fromkeys(map(str, range(60_000)))}
+    with pytest.raises(BadMessage, match=r"; and 59992 more$") as caught:
+        decode(packed("Refusal", fields))
+    assert len(str(caught.value)) < 1000
 
 
 @pytest.mark.parametrize(
