@@ -151,7 +151,7 @@ def warmup() -> None:
 @app.command()
 def profile(
     out: Annotated[Path, typer.Option(help="File to write; name it as scheduler.profile.")] = Path("profile.toml"),
-    kernel: Kernel = None,
+    kernel: Annotated[str | None, typer.Option(help="SLAM kernel (default: graph).", show_default=False)] = None,
     seconds: Annotated[float, typer.Option(min=1, help="Length of the simulated drives.")] = 30.0,
 ) -> None:
     """Time SLAM and the fusion of 2 to 12 maps on this machine, for the scheduler to start from."""

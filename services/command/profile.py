@@ -12,6 +12,7 @@ import tomli_w
 
 from common.wire import Frame, encode
 from common.workers import Worker
+from services.edge_worker.slam.registry import create
 from services.scheduler.costs import FusionModel
 from services.scheduler.profile import FusionTime, Profile
 from services.scheduler.regression import FusionTimes
@@ -27,7 +28,12 @@ STREAM = "0" * 32
 
 
 async def profile(kernel: str, seconds: float, out: Path) -> AsyncIterator[str]:
-    """Time scans of simulated drives of `seconds` and fusions of 2 to 12 maps; yields a line for each, writes `out`."""
+    """Time scans of simulated drives of `seconds` and fusions of 2 to 12 maps; yields a line for each, writes `out`.
+
+    Raises ConfigError for an unknown kernel, and OSError when there is no folder for `out`, before anything is timed.
+    """
+    create(kernel, {})
+    out.parent.mkdir(parents=True, exist_ok=True)
     slam_s: dict[str, float] = {}
     maps: list[dict[str, Any]] = []
     worker = await Worker.start(SLAM)

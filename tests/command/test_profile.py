@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pytest
+
+from common.errors import ConfigError
 from services.command import profile as profiling
 from services.scheduler.profile import FusionTime, load_profile
 
@@ -15,6 +18,11 @@ async def test_a_profile_is_measured_in_workers_and_read_back(tmp_path, monkeypa
     assert 0 < found.slam_s["lds01"] < 1
     assert [each.maps for each in found.fusions] == [1, 2]
     assert len(lines) == 4
+
+
+async def test_a_kernel_that_there_is_not_is_refused_before_anything_is_timed(tmp_path) -> None:
+    with pytest.raises(ConfigError, match=r"slam\.kernel"):
+        await anext(profiling.profile("grph", 2.0, tmp_path / "profile.toml"))
 
 
 def test_the_fitted_model_gives_the_times_it_was_fitted_to() -> None:
