@@ -37,6 +37,9 @@ from services.robot_agent.state import (
 PAGE_BYTES = MAX_PAGE_BYTES - 4096
 """frames in one backfill page, so that the page with its other fields stays below the limit"""
 
+MAX_SEQ = 2**63 - 1
+"""the largest number that the spool's file can hold"""
+
 log = logging.getLogger(__name__)
 
 
@@ -253,6 +256,9 @@ def _number(params: Mapping[str, str], name: str, default: int) -> int:
     if text is None:
         return default
     try:
-        return int(text)
+        number = int(text)
     except ValueError:
-        raise UsageError(f"backfill parameter {name}={text!r} is no frame number") from None
+        number = -1
+    if not 0 <= number <= MAX_SEQ:
+        raise UsageError(f"backfill parameter {name}={text[:64]!r} is no number of 0 to {MAX_SEQ}")
+    return number

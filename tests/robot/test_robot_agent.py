@@ -162,7 +162,15 @@ async def test_the_whole_spool_is_backfilled_in_pages_of_bounded_size(
         assert status.bytes_sent > 63 * 16000
 
 
-@pytest.mark.parametrize(("params", "reason"), [({"stream": "f" * 32}, "streams"), ({"to": "x"}, "no frame number")])
+@pytest.mark.parametrize(
+    ("params", "reason"),
+    [
+        ({"stream": "f" * 32}, "streams"),
+        ({"to": "x"}, "to='x' is no number of 0 to"),
+        ({"start": -1}, "from='-1' is no number of 0 to"),
+        ({"cursor": 2**63}, "cursor='9223372036854775808' is no number of 0 to"),
+    ],
+)
 async def test_a_query_that_cannot_be_served_is_refused_with_the_reason(
     endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path, params: dict[str, str], reason: str
 ) -> None:
