@@ -1,9 +1,8 @@
 """A bounded store of frames on disk: what is not durable elsewhere survives here, and a kept spool is a recording.
 
 One sqlite file holds one stream. Frames lie in it encoded as they go on the wire. `append` returns once they are
-committed, so that no number is ever given twice and nothing is published that a kill -9 could undo. The write-ahead log
-is synchronised at its checkpoints only (synchronous=NORMAL): the death of the process loses nothing, a power cut can
-lose the last seconds.
+committed and on the disk (synchronous=FULL), so that nothing is published that a kill -9 or a power cut could undo. A
+number given twice would be worse than a frame lost: the edge takes the second frame for the first, and throws it away.
 """
 
 from __future__ import annotations
@@ -67,18 +66,18 @@ class Spooled:
 class Spool:
     """One robot's frames on disk, used by one process; any of its threads may call any method.
 
-    Raises UsageError when another process has it open or it belongs to another robot. A file that is no sound spool is
-    moved aside and a new stream begins.
+    Raises UsageError when it cannot be written, another process has it open or it belongs to another robot. A file that
+    is no sound spool is moved aside and a new stream begins.
     """
 
     def __init__(self, path: Path, robot: str, limit_bytes: int, keep_durable: bool = False) -> None:
         self.path, self.robot, self.limit_bytes, self.keep_durable = path, robot, limit_bytes, keep_durable
         self._guard = threading.Lock()
-        path.parent.mkdir(parents=True, exist_ok=True)
         self._lock = _lock(path)
         try:
-            self._db = self._open()
-            self.stream, self._now = self._load()
+            with _faults(path):
+                self._db = self._open()
+                self.stream, self._now = self._load()
         except BaseException:
             self._lock.close()
             raise
@@ -232,7 +231,11 @@ class Spool:
 
 
 def _lock(path: Path) -> IO[str]:
-    file = open(path.with_name(path.name + ".lock"), "a")  # noqa: SIM115 - held until close
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = open(path.with_name(path.name + ".lock"), "a")  # noqa: SIM115 - held until close
+    except OSError as error:
+        raise UsageError(f"{path}: {error}; give a --spool that can be written") from error
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -246,7 +249,7 @@ def _connect(path: Path) -> sqlite3.Connection:
     db = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
     try:
         db.execute("PRAGMA journal_mode = WAL")
-        db.execute("PRAGMA synchronous = NORMAL")
+        db.execute("PRAGMA synchronous = FULL")
         if db.execute("SELECT COUNT(*) FROM sqlite_master").fetchone() == (0,):
             db.executescript(f"BEGIN; {SCHEMA} COMMIT;")
         check(db)

@@ -107,6 +107,20 @@ def test_another_robots_spool_is_refused(tmp_path: Path) -> None:
         Spool(tmp_path / "s", "r2", MB)
 
 
+@pytest.mark.parametrize("where", ["file/r1.spool", "folder"])
+def test_a_place_that_cannot_be_written_is_refused_by_name(tmp_path: Path, where: str) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "folder.lock").mkdir()
+    with pytest.raises(UsageError, match=rf"{where}: .*; give a --spool that can be written"):
+        Spool(tmp_path / where, "r1", MB)
+
+
+def test_what_is_appended_is_on_the_disk_before_it_is_published(tmp_path: Path) -> None:
+    with Spool(tmp_path / "s", "r1", MB) as spool:
+        (synchronous,) = spool._db.execute("PRAGMA synchronous").fetchone()
+        assert synchronous == 2  # FULL: each commit waits for the disk, so that a power cut gives no number twice
+
+
 @pytest.mark.parametrize("damage", ["overwritten", "pages", "foreign"])
 def test_a_damaged_file_is_moved_aside_and_a_new_stream_begins(
     tmp_path: Path, damage: str, caplog: pytest.LogCaptureFixture
