@@ -108,23 +108,20 @@ class Template:
             self.gone.set()
             waiting: list[asyncio.Future[Any]] = [self._ready, *self._asked]
             for future in waiting:
-                if not future.done():
-                    future.set_exception(self._died())
+                _answer(future, self._died())
             for each in self._living.values():
                 each.over.set()
 
     def _hear(self, what: str, pid: int, detail: Any) -> None:
         if what == "ready":
-            self._ready.set_result(None)
+            _answer(self._ready, None)
         elif what == "not ready":
-            self._ready.set_exception(WorkerError(detail))
+            _answer(self._ready, WorkerError(detail))
         elif what == "not forked":
-            self._asked.popleft().set_exception(WorkerError(detail))
+            _answer(self._asked.popleft(), WorkerError(detail))
         elif what == "forked":
             self._living[pid] = each = Forked(pid)
-            future = self._asked.popleft()
-            if not future.done():  # else nobody holds the socket, and the worker ends by itself
-                future.set_result(each)
+            _answer(self._asked.popleft(), each)
         elif what == "ended":
             each = self._living.pop(pid)
             each.returncode = detail
@@ -132,3 +129,13 @@ class Template:
 
     def _died(self) -> WorkerDied:
         return WorkerDied(f"template {self.process.pid} ({self.target}) has ended")
+
+
+def _answer(asked: asyncio.Future[Any], answer: Any) -> None:
+    """Nothing when nobody waits any more: a worker forked for nobody ends by itself, as its socket is closed."""
+    if asked.done():
+        return
+    if isinstance(answer, Exception):
+        asked.set_exception(answer)
+    else:
+        asked.set_result(answer)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import os
+import select
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -15,6 +17,7 @@ import pytest
 
 from common.errors import WorkerDied
 from common.workers import Template, WorkerError
+from common.workers.worker import spawn
 
 TARGET = "tests.workers.calculator:Calculator"
 
@@ -100,6 +103,21 @@ async def test_a_worker_that_nobody_waits_for_any_more_ends(template: Template) 
 async def test_a_class_that_cannot_be_warmed_or_not_be_forked_is_no_template(how: str, why: str) -> None:
     with pytest.raises(WorkerError, match=why):
         await Template.start(TARGET, how=how)
+
+
+async def test_a_start_that_is_broken_off_as_the_template_gets_ready_is_broken_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def spawned_and_ready(*arguments: str) -> tuple[asyncio.subprocess.Process, socket.socket]:
+        process, channel = await spawn(*arguments)
+        select.select([channel], [], [], 60)
+        starting.cancel()
+        return process, channel
+
+    monkeypatch.setattr("common.workers.template.spawn", spawned_and_ready)
+    starting = asyncio.create_task(Template.start(TARGET, how="well"))
+    with pytest.raises(asyncio.CancelledError):
+        await starting
 
 
 async def test_a_class_that_cannot_be_made_is_no_template() -> None:
