@@ -168,14 +168,14 @@ async def _leave(made: Made | None, fleet: Fleet, truth: Fleet | None, folder: R
     """Write results and report, and say what is in them."""
     if made is None:
         return
-    results.write_results(made.map, folder.path)
+    files = results.write_results(made.map, folder.path)
     final = made.map.notice.final  # a map that is not done is not to be measured by what will be seen
     scored = await asyncio.to_thread(accuracy.score, made.map, truth or fleet) if final else None
     data = report.report(fleet, made.map, made.statuses, scored, made.elapsed_s)
     report.write_report(data, folder.path)
     for line in report.summary(data):
         console.print(line, highlight=False, soft_wrap=True)
-    console.print(f"files      {folder.path}: global_map.png, global_map.yaml, report.md", soft_wrap=True)
+    console.print(f"files      {folder.path}: {', '.join([*files, 'report.md'])}", soft_wrap=True)
 
 
 @contextmanager

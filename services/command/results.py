@@ -21,8 +21,12 @@ MAX_PIXELS = 6000
 """of a picture's longer side"""
 
 
-def write_results(result: GlobalMap, folder: Path, name: str = "global_map") -> None:
-    """Write map (`name`.yaml, .pgm and .png), `transforms.json`, and `robots/<robot>.tum` in the world frame."""
+def write_results(result: GlobalMap, folder: Path, name: str = "global_map") -> list[str]:
+    """Write map (`name`.yaml, .pgm and .png), `transforms.json`, and `robots/<robot>.tum` in the world frame.
+
+    Returns the names of the map's files: none when nothing is known, and those of an earlier map are taken away then.
+    """
+    files = [f"{name}.{kind}" for kind in ("png", "yaml", "pgm")]
     resolution = result.grid.resolution
     occupancy, (x, y) = cropped(*result.grid.occupancy())
     if occupancy.size:
@@ -30,10 +34,14 @@ def write_results(result: GlobalMap, folder: Path, name: str = "global_map") -> 
         scale = max(1, min(PICTURE_SCALE, MAX_PIXELS // max(occupancy.shape)))
         write_map(folder / name, occupancy, resolution, origin)
         write_png(folder / f"{name}.png", occupancy, resolution, origin, result.trajectories, scale)
+    else:
+        for file in files:
+            (folder / file).unlink(missing_ok=True)
     (folder / "robots").mkdir(parents=True, exist_ok=True)
     for robot, trajectory in result.trajectories.items():
         write_trajectory(folder / "robots" / f"{robot}.tum", trajectory)
     (folder / "transforms.json").write_text(json.dumps(transforms(result), indent=2) + "\n")
+    return files if occupancy.size else []
 
 
 def cropped(occupancy: NDArray[np.int8], origin: tuple[int, int]) -> tuple[NDArray[np.int8], tuple[int, int]]:
