@@ -155,6 +155,7 @@ class RobotAgent:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._hear_acks(bus), name="acks")
                 tasks.create_task(self._hear_routes(bus), name="routes")
+                tasks.create_task(self._hear_namesakes(bus), name="namesakes")
                 tasks.create_task(tell_status(bus, keys.robot_status(self._entry.id), self.status), name="status")
         finally:
             self._bus = None
@@ -171,19 +172,27 @@ class RobotAgent:
                 said = True
 
     async def _refuse_namesake(self, bus: Bus) -> None:
-        """A latched profile is answered only while its robot lives."""
-        robot = self._entry.id
+        """A latched profile is answered only while its robot lives; one with this stream has a copy of this spool."""
         try:
-            answers = await bus.get(keys.robot_profile(robot), timeout_s=self._fleet.bus.timeout_s)
+            answers = await bus.get(keys.robot_profile(self._entry.id), timeout_s=self._fleet.bus.timeout_s)
         except PeerError as error:
             log.warning("cannot tell whether another robot has this name", extra={"reason": error})
             return
         for answer in answers:
-            if isinstance(answer.message, RobotProfile) and answer.message.stream != self._spool.stream:
-                raise UsageError(
-                    f"robot id {robot!r} is in use: another robot streams {answer.message.stream} under it; "
-                    "stop that one or give this one another --id"
-                )
+            if isinstance(answer.message, RobotProfile):
+                raise self._in_use(answer.message.stream)
+
+    async def _hear_namesakes(self, bus: Bus) -> None:
+        """Of two that came at the same time, or while one was cut off, the one with the smaller stream stays."""
+        async for message in _messages(bus, keys.robot_profile(self._entry.id)):
+            if isinstance(message, RobotProfile) and message.stream < self._spool.stream:
+                raise self._in_use(message.stream)
+
+    def _in_use(self, stream: str) -> UsageError:
+        return UsageError(
+            f"robot id {self._entry.id!r} is in use: another robot streams {stream} under it; "
+            "stop that one or give this one another --id and a --spool of its own"
+        )
 
     async def _announce(self, bus: Bus) -> None:
         robot = self._entry.id

@@ -3,56 +3,25 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import Callable
+from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import pytest
+from agents import ENTRY, ROBOT, OpenBus, first, fleet_at, known, running
 from list_source import ListSource, sweeps
 from router_process import router_process
 
-from common.bus import Bus, Stream, keys
-from common.bus.intake import Received
-from common.config import BusConfig, EdgeConfig, Fleet, RobotConfig, RobotEntry, SimSource
-from common.errors import PeerError, SpoolFull, UsageError
-from common.sweep import Sweep
-from common.wire import Ack, EndOfStream, Frame, FramePage, Message, RobotProfile, RobotStatus, Route, Routes, decode
+from common.bus import Bus, keys
+from common.errors import PeerError, SpoolFull
+from common.wire import Ack, EndOfStream, Frame, FramePage, RobotStatus, Route, Routes, decode
 from common.wire.limits import MAX_PAGE_BYTES
 from services.robot_agent.collector import Collector
 from services.robot_agent.service import RobotAgent
 from services.robot_agent.spool import Spool
 
-M = TypeVar("M", bound=Message)
-OpenBus = Callable[..., Awaitable[Bus]]
-ROBOT = "r1"
-ENTRY = RobotEntry(id=ROBOT, source=SimSource(scene="apartment"), start=(1.0, 2.0, 0.5))
-
 pytestmark = pytest.mark.timeout(60)
-
-
-def fleet_at(endpoint: str, root: str, window: int = 64, timeout_s: float = 5.0) -> Fleet:
-    return Fleet(
-        bus=BusConfig(endpoint=endpoint, root=root, timeout_s=timeout_s),
-        edge=EdgeConfig(window=window),
-        robot=RobotConfig(linger_s=0.05),
-    )
-
-
-@asynccontextmanager
-async def running(
-    fleet: Fleet, folder: Path, given: Sequence[Sweep], can_wait: bool = True
-) -> AsyncIterator[RobotAgent]:
-    """An agent that has been stopped, and has not failed, when the block is left."""
-    stop = asyncio.Event()
-    with Spool(folder / "r1.spool", ROBOT, 2**30) as spool:
-        agent = RobotAgent(fleet, ENTRY, Collector(ListSource(given, can_wait), spool), spool, stop)
-        task = asyncio.create_task(agent.run())
-        try:
-            yield agent
-        finally:
-            stop.set()
-            await task
 
 
 class PlayedEdge:
@@ -85,18 +54,6 @@ class PlayedEdge:
             assert sum(len(data) for data in page.frames) <= MAX_PAGE_BYTES
             frames += [decode(data) for data in page.frames]  # type: ignore[misc]
         return frames
-
-
-async def first(stream: Stream[Received], kind: type[M], wanted: Callable[[M], bool] = lambda _: True) -> M:
-    """The first message of the kind that is wanted."""
-    async for received in stream:
-        if isinstance(received.message, kind) and wanted(received.message):
-            return received.message
-    raise AssertionError("the stream has ended")
-
-
-async def known(bus: Bus) -> RobotProfile:
-    return await first(bus.watch(keys.robot_profile(ROBOT)), RobotProfile)
 
 
 async def end_of(bus: Bus) -> EndOfStream:
@@ -243,19 +200,6 @@ async def test_a_robot_told_to_leaves_once_the_edge_has_everything(
         assert not task.done()
         await PlayedEdge(bus).ack(end.stream, processed=9)
         await task
-
-
-async def test_a_second_robot_of_the_same_name_is_refused(
-    endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path
-) -> None:
-    bus = await open_bus()
-    fleet = fleet_at(endpoint, root)
-    async with running(fleet, tmp_path, sweeps(3)) as agent:
-        await known(bus)
-        with Spool(tmp_path / "other", ROBOT, 2**30) as spool, pytest.raises(ExceptionGroup) as refused:
-            await RobotAgent(fleet, ENTRY, Collector(ListSource(sweeps(3)), spool), spool, asyncio.Event()).run()
-        assert refused.value.subgroup(lambda error: isinstance(error, UsageError) and "'r1' is in use" in str(error))
-        assert (await known(bus)).stream == agent.state.stream
 
 
 async def test_a_robot_alone_spools_and_streams_when_the_router_comes(root: str, tmp_path: Path) -> None:
