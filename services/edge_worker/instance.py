@@ -151,7 +151,7 @@ class Instance:
             return []
         del self.in_flight[seq]
         self.skipped += failed
-        self.stirred = True
+        self.stirred, self.sought = True, False
         return self._go_on()
 
     def kept_durably(self, seq: int) -> Instructions:

@@ -104,3 +104,23 @@ def test_before_the_spools_beginning_is_passed_a_newer_checkpoint_is_looked_for_
     assert fetched(instance.opened(Checkpoint(STREAM, 4, 0, 0))) == [5]
     instance.page_came(STREAM, [frame(5)], 5, None)
     assert (list(instance.in_flight), instance.backlog.gaps) == ([5], 0)
+
+
+def test_a_checkpoint_is_looked_for_again_when_what_followed_the_last_one_was_lost_with_its_worker(
+    instance: Instance,
+) -> None:
+    instance.open()
+    instance.opened(Checkpoint(STREAM, 1, 0, 0), durable=True)
+    instance.page_came(STREAM, [frame(5)], 5, None)
+    instance.opened(Checkpoint(STREAM, 4, 0, 0), durable=True)
+    instance.page_came(STREAM, [frame(5)], 5, None)
+    instance.frame_done(5, failed=False)
+    instance.worker_died(0, guilty=False)
+    for _ in range(2):  # another robot's frames kill the worker meanwhile: checkpoints are left alone
+        (step,) = instance.worker_died(0, guilty=False)
+    assert isinstance(step, Open)
+    assert step.afresh
+    assert fetched(instance.opened()) == [0]
+    (again,) = instance.page_came(STREAM, [frame(5)], 5, None)
+    assert again == Open("r1", instance.life, 0, STREAM)
+    assert fetched(instance.opened(Checkpoint(STREAM, 4, 0, 0), durable=True)) == [5]
