@@ -32,8 +32,9 @@ T = TypeVar("T")
 ENCODING = "application/msgpack"
 HEARTBEAT_S = 1.0
 """how soon a lost latched update is noticed and fetched again"""
-EVENTS_DEPTH = 4096
-"""liveliness and link events kept for a slow consumer: a burst on a router's return has one for each token"""
+CROWD_DEPTH = 4096
+"""latched values, and liveliness and link events, kept for a slow consumer: whoever begins to watch a key of all robots
+gets a burst with one of each, and so on a router's return; what is lost of it may never be told again"""
 
 
 class Bus:
@@ -147,7 +148,7 @@ class Bus:
         self._feed(stream, subscriber, subscriber.handler)
         return stream
 
-    def watch(self, key_expr: str, *, depth: int = 256) -> Stream[Received]:
+    def watch(self, key_expr: str, *, depth: int = CROWD_DEPTH) -> Stream[Received]:
         """The latched values there are, then all that is latched (or put), also by publishers that come later."""
         self._check_open()
         stream = self._message_stream(depth)
@@ -201,7 +202,7 @@ class Bus:
         def accept(sample: zenoh.Sample) -> Alive:
             return Alive(self._relative(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
-        stream: Stream[Alive] = self._stream(EVENTS_DEPTH, accept)
+        stream: Stream[Alive] = self._stream(CROWD_DEPTH, accept)
         callback: Callback[zenoh.Sample] = Callback(stream.push, stream.finish)
         key = f"{self.root}/{key_expr}"
         stream.hold(self._session.liveliness().declare_subscriber(key, callback, history=True))
@@ -211,7 +212,7 @@ class Bus:
     def watch_link(self) -> Stream[Link]:
         """Whether the router is there now, and how it comes and goes."""
         self._check_open()
-        stream: Stream[Link] = self._stream(EVENTS_DEPTH, lambda link: link)
+        stream: Stream[Link] = self._stream(CROWD_DEPTH, lambda link: link)
         stream.push(Link(self.connected))
         self._links.append(stream)
         return stream
