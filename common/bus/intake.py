@@ -11,7 +11,7 @@ from typing import Protocol
 
 from common.bus import keys
 from common.errors import BadMessage, UsageError
-from common.wire import Message, decode
+from common.wire import Message, cloud, decode, edge, pages, robot, scheduler
 from common.wire.limits import MAX_MESSAGE_BYTES
 
 log = logging.getLogger(__name__)
@@ -22,6 +22,19 @@ QUIET_S = 60.0
 """a sender's refusals are logged once in this time; all are counted"""
 MAX_SENDERS = 1024
 """senders that are counted apart; a flood of invented names counts as one"""
+
+TIERS = ("robot", "edge", "cloud", "scheduler")
+TOLD_BY: dict[type[Message], tuple[str, ...]] = {
+    **dict.fromkeys((robot.Frame, robot.EndOfStream, robot.RobotProfile, robot.RobotStatus), ("robot",)),
+    **dict.fromkeys((edge.Ack, edge.PoseUpdate, edge.MapNotice, edge.EdgeMapNotice), ("edge",)),
+    **dict.fromkeys((edge.Claims, edge.EdgeStatus, pages.TrajectoryPage), ("edge",)),
+    **dict.fromkeys((edge.Verdicts, pages.TilePage), ("edge", "cloud")),
+    **dict.fromkeys((cloud.Transforms, cloud.GlobalMapNotice, cloud.CloudStatus), ("cloud",)),
+    **dict.fromkeys((scheduler.Routes, scheduler.Plan), ("scheduler",)),
+    **dict.fromkeys((scheduler.OverlapMatrix, scheduler.SchedulerStatus), ("scheduler",)),
+    pages.FramePage: ("robot",),
+}
+"""kind → tiers under whose keys it may come: receivers tell messages apart by kind, whatever the key"""
 
 
 @dataclass(frozen=True)
@@ -66,7 +79,10 @@ class Counters:
 
 
 def contradiction(key: str, message: Message) -> str | None:
-    """How the message's own word on robot or edge differs from its key's, None when it does not."""
+    """How the message's kind, or its own word on robot or edge, differs from its key's, None when it does not."""
+    kind, tier = type(message), sender_of(key).partition("/")[0]
+    if kind in TOLD_BY and tier in TIERS and tier not in TOLD_BY[kind]:
+        return f"{kind.__name__} is no word of the tier {tier}"
     for what, by_key in (("robot", keys.robot_of(key)), ("edge", keys.edge_of(key))):
         by_message = getattr(message, what, None)
         if by_key is not None and by_message is not None and by_message != by_key:

@@ -10,7 +10,7 @@ import subprocess
 from collections.abc import Awaitable, Callable
 
 from common.bus import Bus, Received, Stream
-from common.wire import Frame, Message, Refusal, Routes, encode
+from common.wire import Claims, Frame, Message, Refusal, Routes, encode
 
 OpenBus = Callable[..., Awaitable[Bus]]
 """the fixture `open_bus`"""
@@ -25,8 +25,12 @@ def routes(n: int) -> Routes:
     return Routes(epoch=(1, n), routes={})
 
 
+def claims(edge: str, n: int) -> Claims:
+    return Claims(edge=edge, claims={}, epoch=(1, n))
+
+
 def number(received: Received) -> int:
-    assert isinstance(received.message, Routes)
+    assert isinstance(received.message, Routes | Claims)
     return received.message.epoch[1]
 
 

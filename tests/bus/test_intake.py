@@ -5,7 +5,7 @@ from probes import STREAM, frame, routes
 
 from common.bus import keys
 from common.bus.intake import MAX_SENDERS, PROBLEMS, Intake, contradiction, sender_of
-from common.wire import Ack, Message, RobotStatus, encode
+from common.wire import Ack, Claims, Message, Refusal, RobotStatus, encode
 from common.wire.limits import MAX_MESSAGE_BYTES
 
 
@@ -42,11 +42,26 @@ STATUS = RobotStatus(
         (keys.robot_status("r1"), STATUS, None),  # its edge is no claim about the sender
         (keys.SCHEDULER_ROUTES, routes(1), None),
         ("elsewhere", ack("r1", "e1"), None),
+        (keys.robot_status("r1"), Refusal(reason="who asks?"), None),
     ],
 )
 def test_the_sender_is_who_the_key_says(key: str, message: Message, word: str | None) -> None:
     fault = contradiction(key, message)
     assert (fault is None) if word is None else (fault is not None and f"speaks of {word}" in fault)
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        (keys.robot_status("r1"), Claims(edge="e1", claims={"r2": (9, 9)})),
+        (keys.robot_status("r1"), routes(1)),
+        (keys.robot_frames("r1"), ack("r1", "e1")),
+        (keys.edge_status("e1"), STATUS),
+        (keys.CLOUD_MAP, routes(1)),
+    ],
+)
+def test_nobody_speaks_for_another_tier(key: str, message: Message) -> None:
+    assert "is no word of the tier" in (contradiction(key, message) or "")
 
 
 def test_a_good_message_is_received_and_counted() -> None:

@@ -3,7 +3,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import pytest
-from probes import OpenBus, hear, number, routes
+from probes import OpenBus, claims, hear, number, routes
 
 from common.bus import keys
 
@@ -51,8 +51,8 @@ async def test_a_wildcard_get_reads_the_values_of_all(open_bus: OpenBus) -> None
     reader = await open_bus("reader")
     for n in range(3):
         edge = await open_bus(f"e{n}")
-        await edge.latch(keys.edge_claims(f"e{n}"), routes(n))
-        await edge.latch(keys.edge_status(f"e{n}"), routes(10 + n))
+        await edge.latch(keys.edge_claims(f"e{n}"), claims(f"e{n}", n))
+        await edge.latch(keys.edge_status(f"e{n}"), claims(f"e{n}", 10 + n))
     received = await reader.get(keys.edge_claims("*"), everyone=True)
     assert sorted((one.key, number(one)) for one in received) == [(keys.edge_claims(f"e{n}"), n) for n in range(3)]
 

@@ -6,7 +6,7 @@ import signal
 from collections.abc import Mapping
 
 import pytest
-from probes import STREAM, OpenBus, Start, freeze, hear, introduce, number, routes
+from probes import STREAM, OpenBus, Start, frame, freeze, hear, introduce, number, routes
 
 from common.bus import Alive, Bus, Link, Router, keys
 from common.errors import RouterUnreachable, UsageError
@@ -88,7 +88,7 @@ async def test_everything_recovers_when_the_router_is_killed_and_restarted(start
         assert not other.connected
         while one.connected:  # noqa: ASYNC110  its own event, a moment later
             await asyncio.sleep(0.01)
-        one.put(keys.robot_frames("r1"), routes(2))
+        one.put(keys.robot_frames("r1"), frame("r1", 2))
         await one.latch(keys.SCHEDULER_ROUTES, routes(3))
         assert one.counters.unconnected == 2
         assert await other.get(keys.SCHEDULER_ROUTES, timeout_s=1000) == []
@@ -97,7 +97,7 @@ async def test_everything_recovers_when_the_router_is_killed_and_restarted(start
         assert await anext(link) == Link(True)
         assert await anext(tokens) == Alive("robot/r1/alive", True)
         assert number(await anext(watched)) == 3  # latched while there was no router
-        await hear(one, keys.robot_frames("r1"), routes(4), stream)
+        await hear(one, keys.robot_frames("r1"), frame("r1", 4), stream)
         assert [number(received) for received in await other.get(keys.SCHEDULER_ROUTES)] == [3]
         assert await other.get(keys.robot_backfill("r1"), {"x": 1})
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import pytest
 import zenoh
-from probes import STREAM, OpenBus, number, routes
+from probes import STREAM, OpenBus, claims, number, routes
 
 from common.bus import Bus, keys
 from common.bus.server import MAX_PENDING, MAX_RUNNING
@@ -164,13 +164,13 @@ async def test_a_key_has_a_notice_for_a_plain_get_and_tiles_for_one_with_paramet
         nonlocal calls
         calls += 1
         assert key == keys.edge_map("e1")
-        return routes(int(params["since"]))
+        return claims("e1", int(params["since"]))
 
     edge, cloud = await open_bus("edge"), await open_bus("cloud")
     if served_first:
         await edge.serve(key_expr, tiles)
-    await edge.latch(keys.edge_map("e1"), routes(1))
-    await edge.latch(keys.edge_map("e1"), routes(2))
+    await edge.latch(keys.edge_map("e1"), claims("e1", 1))
+    await edge.latch(keys.edge_map("e1"), claims("e1", 2))
     if not served_first:
         await edge.serve(key_expr, tiles)
     for everyone in (True, False):

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 import zenoh
-from probes import OpenBus, Start, frame, freeze, hear, introduce, number, real, routes
+from probes import OpenBus, Start, claims, frame, freeze, hear, introduce, number, real, routes
 
 from common.bus import Bus, Received, Stream, keys
 from common.bus.settings import node_config
@@ -51,7 +51,7 @@ async def test_a_slow_consumer_loses_the_oldest_counted_and_stalls_nobody(open_b
     for seq in range(2000):
         robot.put(keys.robot_frames("r1"), frame("r1", seq))
         if seq % 20 == 0:  # in step with the other stream: it is never behind, however full the slow one is
-            await hear(robot, keys.edge_pose("e1", "r1"), routes(seq), quick)
+            await hear(robot, keys.edge_pose("e1", "r1"), claims("e1", seq), quick)
     assert slow.dropped > 1000
     while edge.counters.dropped != slow.dropped:  # noqa: ASYNC110  told on the loop, a turn later
         await asyncio.sleep(0)
