@@ -1,13 +1,10 @@
 """One robot's SLAM instance as the edge sees it: which frames it needs, has, and has taken.
 
-    OPENING ──Opened──▶ RUNNING ──all taken──▶ FINISHING ──Finished──▶ FINAL
-       ▲                   │                       │                     │
-       └─── lost, or the stream goes on after all ─┴─────────────────────┘
-
 Frames go to the kernel in order and one by one; what does not come is fetched from the robot's spool. A frame during
-which the worker died is tried once more and then set aside. The kernel is kept every so often, and before it refines
-for the last time: from there an instance goes on whose worker died, or whose stream goes on after all, so that its map
-does not depend on when an end was told. The stream of a robot that is given up ends at the last frame that came.
+which the worker died is tried once more and then set aside, and so is the last refinement. The kernel is kept every so
+often, and before it refines for the last time: from there an instance goes on whose worker died, or whose stream goes
+on after all, so that its map does not depend on when an end was told. The stream of a robot that is given up ends at
+the last frame that came.
 """
 
 from __future__ import annotations
@@ -15,27 +12,22 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from enum import Enum
 from itertools import count
 
 from common.wire import Epoch, Frame
 from services.edge_worker.backlog import AHEAD, Backlog
 from services.edge_worker.checkpoint import Checkpoint, Keeping
 from services.edge_worker.instructions import Acknowledge, Feed, Fetch, Finish, GiveUp, Instructions, Keep, Open
+from services.edge_worker.phase import Phase
 
 IN_FLIGHT = 8
 """frames handed to the worker and not yet answered: enough to keep it busy, few to wait behind"""
 DEADLY = 2
 """deaths during one frame from which on it is set aside, or while opening from which on checkpoints are left alone"""
+OPENED, REFINED = -1, -2
+"""stand for opening and for the last refinement among the frames during which workers have died"""
 UNHEARD = "0" * 32
 """stands for the stream of a robot that was gone before anything was heard of it"""
-
-
-class Phase(Enum):
-    OPENING = "opening"
-    RUNNING = "running"
-    FINISHING = "finishing"
-    FINAL = "final"
 
 
 @dataclass
@@ -66,6 +58,8 @@ class Instance:
     """nothing more is handed over before the kernel is kept"""
     in_flight: dict[int, int] = field(default_factory=dict)
     """handed over and not answered: seq → turn, in order"""
+    refining: int = 0
+    """turn of the last refinement"""
     fetching: int | None = None
     """first frame of the page that has been asked for"""
     curious: bool = False
@@ -78,7 +72,7 @@ class Instance:
     foreign: int = 0
     """frames of another stream"""
     deaths: Counter[int] = field(default_factory=Counter)
-    """by frame; -1: while opening"""
+    """by frame, and by OPENED and REFINED"""
     sought: bool = False
     """a newer checkpoint was looked for, as the spool no longer had what the last one lacked"""
 
@@ -86,6 +80,11 @@ class Instance:
     def processed(self) -> int:
         """The frame up to which all is done, -1 for none."""
         return min(self.in_flight, default=self.backlog.next_seq) - 1
+
+    @property
+    def turn(self) -> int | None:
+        """Of what the worker was handed first and has not answered."""
+        return self.refining if self.phase is Phase.FINISHING else min(self.in_flight.values(), default=None)
 
     def open(self) -> Instructions:
         """Start, or start again, from the newest checkpoint or the stream's first frame."""
@@ -95,7 +94,7 @@ class Instance:
         self.skipped, self.acknowledged = 0, (-2, -2)
         self.in_flight.clear()
         self.fetching, self.patient, self.torn, self.keep_due = None, False, False, False
-        return [Open(self.robot, self.life, self.worker, self.stream, afresh=self.deaths[-1] >= DEADLY)]
+        return [Open(self.robot, self.life, self.worker, self.stream, afresh=self.deaths[OPENED] >= DEADLY)]
 
     def opened(self, restored: Checkpoint | None = None, durable: bool = False) -> Instructions:
         """The kernel is there, made from a checkpoint (that outlives this edge, or not), or fresh."""
@@ -104,7 +103,7 @@ class Instance:
         if restored is not None and self.stream not in ("", restored.stream):
             return self.open()  # the stream has been told meanwhile
         self.phase, self.curious = Phase.RUNNING, True
-        self.deaths.pop(-1, None)
+        self.deaths.pop(OPENED, None)
         if restored is not None:
             self.stream, self.skipped = restored.stream, restored.skipped
             self.backlog.start(restored.seq + 1, restored.gaps)
@@ -206,12 +205,12 @@ class Instance:
         return self.open() if self.phase is Phase.FINAL or self.torn else self._go_on()
 
     def worker_died(self, worker: int, guilty: bool) -> Instructions:
-        """The process is gone while this instance's oldest frame was being worked on (`guilty`) or another's;
+        """The process is gone while it worked on what this instance had handed over first (`guilty`) or another's;
         `worker` is where the instance shall live now."""
         if guilty:
-            self.deaths[min(self.in_flight)] += 1
+            self.deaths[min(self.in_flight, default=REFINED)] += 1
         if self.phase is Phase.OPENING:
-            self.deaths[-1] += 1
+            self.deaths[OPENED] += 1
         self.worker = worker
         return self.open()
 
@@ -231,7 +230,7 @@ class Instance:
         assert -1 <= self.processed < next_seq or next_seq == 0
         assert len(self.in_flight) <= IN_FLIGHT
         assert list(self.in_flight) == sorted(seq for seq in self.in_flight if seq < next_seq)
-        assert self.phase is not Phase.OPENING or not self.in_flight
+        assert self.phase is Phase.RUNNING or not self.in_flight
         assert self.phase is not Phase.FINAL or self._complete()
         assert self.keeping.durable <= self.keeping.kept or self.phase is Phase.OPENING
 
@@ -290,10 +289,10 @@ class Instance:
     def _end(self) -> Instructions:
         if self.phase is not Phase.RUNNING or not self._complete():
             return []
-        self.phase = Phase.FINISHING
+        self.phase, self.refining = Phase.FINISHING, next(self.turns)
         news = [] if self.processed == self.acknowledged[0] else self._acknowledge()
         kept = [] if self.torn or self.processed == self.keeping.kept else self._keep()
-        return [*news, *kept, Finish(self.robot, self.life)]
+        return [*news, *kept, Finish(self.robot, self.life, refine=self.deaths[REFINED] < DEADLY)]
 
     def _acknowledge(self) -> Instructions:
         self.acknowledged = self.processed, self.keeping.durable

@@ -57,7 +57,10 @@ class GiveUp(Instruction):
 
 @dataclass(frozen=True)
 class Finish(Instruction):
-    """Everything is taken: let the kernel refine once more."""
+    """Everything is taken: let the kernel refine once more, and its map be final."""
+
+    refine: bool = True
+    """False: the map is final as it is, for the refinement has killed its worker again and again"""
 
 
 @dataclass(frozen=True)

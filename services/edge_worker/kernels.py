@@ -82,8 +82,10 @@ class Kernels:
         instance = self._instance(step)
         if instance is None:
             return None
+        if not step.refine:
+            self._problem(f"robot/{step.robot}: last refinement set aside: SLAM workers have died of it")
         try:
-            await self._pool.call(instance.worker, "finish", robot=step.robot)
+            await self._pool.call(instance.worker, "finish", robot=step.robot, refine=step.refine)
         except WorkerDied:
             return None
         except WorkerError as error:

@@ -11,7 +11,7 @@ from common.telemetry import process_stats
 from common.wire import EdgeStatus, InstanceStatus
 from common.wire.edge import VANISHED
 from services.edge_worker.fusion import Fusion
-from services.edge_worker.instance import Phase
+from services.edge_worker.phase import Phase
 from services.edge_worker.pool import Pool
 from services.edge_worker.robot_maps import RobotMaps
 from services.edge_worker.state import EdgeState

@@ -12,7 +12,8 @@ from common.errors import PeerError, UsageError, WorkerDied
 from common.grid.paging import parse_number
 from common.wire import Cover, Epoch, MapNotice, Message, decode
 from common.workers import WorkerError
-from services.edge_worker.instance import Instance, Phase
+from services.edge_worker.instance import Instance
+from services.edge_worker.phase import Phase
 from services.edge_worker.pool import Pool
 from services.edge_worker.state import EdgeState
 

@@ -14,8 +14,9 @@ from itertools import count
 from common.presence import Linked, Presence, RobotSeen, RouterLink, seen
 from common.wire import Claims, EndOfStream, Epoch, Frame, RobotProfile, Routes
 from services.edge_worker.checkpoint import Checkpoint, Keeping
-from services.edge_worker.instance import Instance, Phase
+from services.edge_worker.instance import Instance
 from services.edge_worker.instructions import Claim, Instructions, Listen, Release
+from services.edge_worker.phase import Phase
 
 
 @dataclass(frozen=True)
@@ -237,10 +238,10 @@ class EdgeState:
         return [*instance.stream_changed(profile.stream), *self._end_known(instance)]
 
     def _worker_died(self, worker: int) -> Instructions:
-        """All instances of the worker start again; the frame that was fed first of those unanswered is to blame."""
+        """All instances of the worker start again; the first of what they had handed over unanswered is to blame."""
         self.counters["worker deaths"] += 1
         hurt = [each for each in self.instances.values() if each.worker == worker]
-        turns = {each.robot: min(each.in_flight.values()) for each in hurt if each.in_flight}
+        turns = {each.robot: turn for each in hurt if (turn := each.turn) is not None}
         guilty = min(turns, key=lambda robot: turns[robot], default=None)
         return [step for each in hurt for step in each.worker_died(worker, each.robot == guilty)]
 

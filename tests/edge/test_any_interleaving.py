@@ -14,7 +14,7 @@ from common.presence import RobotSeen
 from common.wire import EndOfStream
 from services.edge_worker import state as slam
 from services.edge_worker.checkpoint import Checkpoint
-from services.edge_worker.instance import DEADLY, Phase
+from services.edge_worker.instance import DEADLY
 from services.edge_worker.instructions import (
     Acknowledge,
     Claim,
@@ -28,6 +28,7 @@ from services.edge_worker.instructions import (
     Open,
     Release,
 )
+from services.edge_worker.phase import Phase
 from services.edge_worker.state import EdgeState
 
 Frames = list[int]

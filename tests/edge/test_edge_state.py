@@ -7,8 +7,8 @@ from edge_samples import OTHER, STREAM, frame, profile, routes
 from common.wire import EndOfStream
 from services.edge_worker import state as slam
 from services.edge_worker.backlog import AHEAD
-from services.edge_worker.instance import Phase
-from services.edge_worker.instructions import Claim, Instruction, Open, Release
+from services.edge_worker.instructions import Claim, Finish, Instruction, Open, Release
+from services.edge_worker.phase import Phase
 from services.edge_worker.state import EdgeState
 
 
@@ -90,6 +90,24 @@ def test_only_the_frame_that_was_fed_first_is_blamed_for_a_workers_death() -> No
     state.handle(slam.FrameCame(frame(0, "r1")))
     state.handle(slam.WorkerDied(0))
     assert {robot: dict(each.deaths) for robot, each in state.instances.items()} == {"r1": {}, "r2": {0: 1}}
+
+
+def test_a_last_refinement_that_kills_twice_is_set_aside_and_blamed_on_no_frame_of_another_robot() -> None:
+    state = edge(workers=1)
+    taken(state, "r1", "r2")
+    state.handle(slam.Ended(EndOfStream(robot="r2", stream=STREAM, last_seq=-1)))
+    refined = []
+    for life in (1, 2, 3):
+        steps = state.handle(slam.Opened("r2", life))
+        refined += [step.refine for step in steps if isinstance(step, Finish)]
+        state.handle(slam.Opened("r1", life))
+        state.handle(slam.FrameCame(frame(0, "r1")))
+        if life < 3:
+            state.handle(slam.WorkerDied(0))
+    assert refined == [True, True, False]
+    assert not state.instances["r1"].deaths
+    state.handle(slam.InstanceFinished("r2", 3))
+    assert state.instances["r2"].phase is Phase.FINAL
 
 
 def test_frames_of_robots_not_run_here_are_counted() -> None:

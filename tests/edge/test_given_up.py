@@ -7,8 +7,8 @@ from edge_samples import STREAM, frame, profile, routes
 from common.presence import Linked, RobotSeen
 from common.wire import EndOfStream
 from services.edge_worker import state as slam
-from services.edge_worker.instance import Phase
 from services.edge_worker.instructions import Claim, Finish, GiveUp, Instruction, Keep, Open
+from services.edge_worker.phase import Phase
 from services.edge_worker.state import EdgeState
 
 LEASE_S = 60.0

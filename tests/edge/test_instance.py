@@ -9,8 +9,9 @@ from edge_samples import OTHER, STREAM, frame
 
 from services.edge_worker.backlog import AHEAD
 from services.edge_worker.checkpoint import Checkpoint
-from services.edge_worker.instance import IN_FLIGHT, Instance, Phase
+from services.edge_worker.instance import IN_FLIGHT, Instance
 from services.edge_worker.instructions import Acknowledge, Feed, Fetch, Finish, Instruction, Keep, Open
+from services.edge_worker.phase import Phase
 
 WINDOW = 16
 

@@ -61,6 +61,14 @@ def test_a_stream_that_goes_on_after_its_end_was_told_makes_the_map_of_one_that_
     assert shown(again) == shown(whole)
 
 
+def test_a_map_whose_last_refinement_is_set_aside_is_final_as_it_is(frames: list[Frame]) -> None:
+    host = opened("graph", 1)
+    take(host, frames[:10])
+    before, _ = shown(host)
+    host.finish("r1", refine=False)
+    assert shown(host) == (before, {"seq": 9, "final": True})
+
+
 def test_the_time_spent_before_a_snapshot_counts(frames: list[Frame]) -> None:
     host = opened("graph", 1)
     take(host, frames[:10])

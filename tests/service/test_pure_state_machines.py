@@ -14,6 +14,7 @@ PURE = [
     "services/edge_worker/checkpoint.py",
     "services/edge_worker/instance.py",
     "services/edge_worker/instructions.py",
+    "services/edge_worker/phase.py",
     "services/edge_worker/state.py",
     "services/edge_worker/fusing.py",
     "services/cloud_merger/changes.py",

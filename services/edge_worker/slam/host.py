@@ -121,11 +121,12 @@ class SlamHost:
         instance = self._instance(robot)
         return bytes(msgpack.packb([instance.seq, instance.spent_s, instance.kernel.snapshot()]))
 
-    def finish(self, robot: str) -> None:
+    def finish(self, robot: str, refine: bool = True) -> None:
         """The robot's stream has ended: refine once more; the map is final, also when the refinement fails."""
         instance = self._instance(robot)
         instance.final, instance.places, instance.unprepared = True, None, True
-        instance.kernel.finish()
+        if refine:
+            instance.kernel.finish()
 
     def idle(self) -> bool:
         """Work a little on maps that are behind; returns whether there may be more to do. Called between requests."""
