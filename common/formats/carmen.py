@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadFile
+from common.formats.order import longest_rising
 from common.formats.text import numbered_lines
 from common.geometry import between
 from common.sweep import LaserGeometry, Sweep
@@ -28,7 +29,7 @@ from common.wire.base import PoseTuple
 USUAL_RANGE_MAX = 50.0
 """m; taken when the log states none. Scanners of these logs mark `nothing there` by 50 or by 81.9 m."""
 MAX_DISORDER_S = 5.0
-"""Stamps that fall back by more than this are a clock that was set, not a late stamp."""
+"""Stamps that are further than this from those around are a clock that was set, not a late stamp."""
 MAX_MOUNT_M = 1.0
 """Laser and robot pose further apart than this are a corrected and a raw pose, not a mount."""
 
@@ -201,11 +202,12 @@ class CarmenLog:
 
 
 def _steady(t: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """False for rows stamped by a clock that was wrong for one row, or that was set back."""
-    before, after = np.append(-np.inf, t[:-1]), np.append(t[1:], np.inf)
-    spike = (t > before + MAX_DISORDER_S) & (t > after + MAX_DISORDER_S)
-    steady = np.where(spike, -np.inf, t)
-    return np.asarray(~spike & (t >= np.maximum.accumulate(steady) - MAX_DISORDER_S))
+    """False for rows stamped by a clock that was wrong for a while, or set: far from the rows around that rise."""
+    rising = longest_rising(t)
+    lines = np.arange(len(t))
+    before = np.append(-np.inf, t[rising])[np.searchsorted(rising, lines, side="right")]
+    after = np.append(t[rising], np.inf)[np.searchsorted(rising, lines, side="left")]
+    return np.asarray((t >= before - MAX_DISORDER_S) & (t <= after + MAX_DISORDER_S))
 
 
 def _number(field: str) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadFile
+from common.formats.order import longest_rising
 from common.formats.text import numbered_lines
 from common.geometry import wrap
 from common.sweep import LaserGeometry, Sweep
@@ -38,8 +39,8 @@ class RoverLog:
     """One run of the rover, read whole at once: iterate over it for its sweeps, as often as you like.
 
     Stamps are seconds of the rover's clock; odometry starts at (0, 0, 0), one sample a sweep, of when it was logged.
-    Raises BadFile when the file cannot be read or holds no such row; malformed rows and rows of falling stamps are
-    counted.
+    Raises BadFile when the file cannot be read or holds no such row; malformed rows and rows whose stamps contradict
+    the order of the lines are counted.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -49,7 +50,7 @@ class RoverLog:
         self.first_malformed = ""
         """where and why"""
         self.disordered = 0
-        """rows left out because their stamp was not later than the one before"""
+        """rows left out because their stamps contradict the order of the lines"""
         rows = self._read()
         if not rows:
             raise BadFile(f"{self.path}: holds no usable row ({self.malformed} malformed); is it a rover log?")
@@ -82,15 +83,13 @@ class RoverLog:
                 self.malformed += 1
                 self.first_malformed = self.first_malformed or f"{self.path}:{number}: {error}"
                 continue
-            stamp = float(values[0]) * 1e-6
-            if rows and stamp <= rows[-1][0]:
-                self.disordered += 1
-                continue
             ranges = (values[FIRST_RANGE:] / 1000).astype(np.float32)
             ranges[ranges < RANGE_MIN_M] = np.nan
             ranges[ranges > RANGE_MAX_M] = np.inf
-            rows.append((stamp, float(values[2]), float(values[3]), ranges))
-        return rows
+            rows.append((float(values[0]) * 1e-6, float(values[2]), float(values[3]), ranges))
+        rising = longest_rising([row[0] for row in rows])
+        self.disordered = len(rows) - len(rising)
+        return [rows[i] for i in rising]
 
 
 def dead_reckon(ticks: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -132,6 +132,16 @@ def test_rows_of_a_clock_that_was_set_back_or_jumped_once_are_left_out(tmp_path)
     assert read.disordered == 3
 
 
+@pytest.mark.parametrize("wrong", [range(10, 11), range(10, 13), range(0, 3), range(0, 40)])
+@pytest.mark.parametrize("by_s", [-3600, 3600])
+def test_a_clock_that_was_wrong_for_a_while_costs_only_the_rows_of_that_while(tmp_path, wrong, by_s):
+    rows = [row(100 + i + by_s * (i in wrong), [1, 1]) for i in range(100) for row in (flaser, lambda t, _: odom(t))]
+    stamps = [sweep.stamp for sweep in log(tmp_path, *rows)]
+    right = [100 + i for i in range(100) if i not in wrong]
+    assert [stamp for stamp in stamps if 0 <= stamp < 200] == right
+    assert len(stamps) == (100 if by_s < 0 and wrong.start == 0 else len(right))  # late from the start on: it rises
+
+
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 40)), min_size=1, max_size=60))
 def test_whatever_the_order_stamps_rise_and_no_scan_near_its_time_is_lost(tmp_path_factory, rows):
     lines = [flaser(t / 10, [1.0, 2.0]) if scan else odom(t / 10) for scan, t in rows] + [flaser(99.0, [1, 1])]

@@ -53,6 +53,14 @@ def test_broken_rows_are_counted_and_named(tmp_path):
         RoverLog(path)
 
 
+def test_a_row_of_a_wrong_clock_costs_no_other_row(tmp_path):
+    path = tmp_path / "a.dat"
+    path.write_text("\n".join(row(micros, 0, 0, 50, 60) for micros in (9000, 1, 2, 10**15, 3, 3, 4, 0, 5)))
+    read = RoverLog(path)
+    assert [sweep.stamp + 0.15 for sweep in read] == pytest.approx([1e-6, 2e-6, 3e-6, 4e-6, 5e-6])
+    assert read.disordered == 4
+
+
 @pytest.mark.skipif(not DATA, reason="RECSLAM_DATA does not name a folder of real logs")
 @pytest.mark.parametrize(("name", "sweeps"), [("exp1", 756), ("exp2", 641)])
 def test_real_runs_are_read_whole(name, sweeps):
