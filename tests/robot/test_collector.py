@@ -148,6 +148,15 @@ def test_robots_of_one_log_share_it_without_gap_or_overlap(tmp_path: Path) -> No
     assert len(set(starts)) == 3  # hidden, each in a frame of its own
 
 
+def test_what_cannot_be_read_of_a_log_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    log = tmp_path / "odd.log"
+    row = "FLASER 2 1.0 2.0 0.0 0.0 0.0 0.0 0.0 0.0 {t} host {t}\n"
+    log.write_text(row.format(t=1) + "FLASER 2 1.0\n" + row.format(t=2))
+    make(entry(CarmenSource(path=log)), Fleet())
+    assert "2 FLASER sweeps; skipped 1 malformed rows" in caplog.text
+    assert "odd.log:2: " in caplog.text
+
+
 def test_simulated_robots_of_one_scene_are_peers() -> None:
     fleet = Fleet(
         robots=(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 
 from common.config import CarmenSource
@@ -9,6 +10,8 @@ from common.formats.carmen import CarmenLog
 from common.formats.segments import cut, hide_start
 from common.sweep import Sweep
 from services.robot_agent.sources.source import SourceProfile
+
+logger = logging.getLogger(__name__)
 
 
 class CarmenRobot:
@@ -19,6 +22,7 @@ class CarmenRobot:
 
     def __init__(self, entry: CarmenSource, seed: int) -> None:
         log = CarmenLog(entry.path)
+        logger.log(logging.WARNING if log.malformed else logging.INFO, log.summary())
         sweeps = cut(log, entry.part, entry.parts)
         self._sweeps = hide_start(sweeps, seed) if entry.hide_start else sweeps
         self.profile = SourceProfile(

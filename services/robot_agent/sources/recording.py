@@ -27,7 +27,8 @@ class Recording:
         first = next(self._frames(), None)
         if first is not None and first.seq > 0:
             raise BadFile(
-                f"{path}: begins with frame {first.seq}, the earlier ones were trimmed; record with robot.record = true"
+                f"{path}: begins with frame {first.seq}, the earlier ones are gone; "
+                "record with robot.record = true and a robot.spool_mb that holds all"
             )
         scan = first.scan if first is not None else None
         self.profile = SourceProfile(
