@@ -52,7 +52,7 @@ class CloudMerger(Service):
         self.state = CloudState(expected=fleet.expected_robots())
         self._process = MergingProcess(fleet.fusion.settings)
         self._statuses: dict[str, RobotStatus] = {}
-        self._starts: dict[str, PoseTuple] = {}
+        self._starts: dict[str, PoseTuple | None] = {}
         self._transfers: dict[str, float] = {}
         self._stages: dict[str, float] = {}
         self._shown: GlobalMapNotice | None = None
@@ -95,7 +95,7 @@ class CloudMerger(Service):
                 self._feed(merging.VerdictsCame(keys.edge_of(received.key) or "", verdicts))
             case RobotStatus() as status:
                 self._statuses[status.robot] = status
-            case RobotProfile() as profile if profile.start is not None:
+            case RobotProfile() as profile:
                 self._starts[profile.robot] = profile.start
 
     async def _tick(self) -> None:
@@ -175,7 +175,7 @@ class CloudMerger(Service):
                 final=step.final,
                 previous=encode(step.previous) if step.previous is not None else None,
                 above=step.above,
-                starts={robot: pose for robot, pose in self._starts.items() if robot in step.robots},
+                starts={robot: pose for robot in step.robots if (pose := self._starts.get(robot)) is not None},
             )
         except WorkerError as error:
             self._problem(f"solve: {error}")

@@ -7,6 +7,8 @@ from common.wire import FixedPose, Placed, Transforms, Verdicts, encode
 
 class ForgetfulHost:
     solved = False
+    starts: Any = None
+    """told for the last world"""
 
     def configure(self, settings: dict[str, Any]) -> None:
         pass
@@ -14,8 +16,11 @@ class ForgetfulHost:
     def warm(self) -> None:
         pass
 
-    def solve(self, robots: list[str], **more: Any) -> dict[str, Any]:
-        self.solved = True
+    def told(self) -> Any:
+        return self.starts
+
+    def solve(self, robots: list[str], starts: dict[str, Any], **more: Any) -> dict[str, Any]:
+        self.solved, self.starts = True, starts
         placed = {r: Placed(transform=FixedPose.of(0.0, 0.0, 0.0), component="r1", version=1) for r in robots}
         world = Transforms(world_epoch=1, final=True, resolution=0.05, robots=placed, components=(), reason="final")
         verdicts = encode(Verdicts(owner="cloud", pairs=()))

@@ -1,4 +1,4 @@
-"""The merging process dies: nothing of what it had begun is taken for a result, and another takes its place."""
+"""What the merging process is told; and when it dies, nothing that it had begun is taken for a result."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ import os
 import signal
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from cloud_samples import settled
 
 from common.bus import Bus, keys
+from common.bus.intake import Received
 from common.config import Fleet
-from common.wire import Message, TrajectoryPage
+from common.wire import Message, RobotProfile, TrajectoryPage
 from services.cloud_merger.service import CloudMerger
 
 OpenBus = Callable[..., Awaitable[Bus]]
@@ -86,3 +88,14 @@ async def test_a_process_that_cannot_be_started_is_tried_again(
     monkeypatch.setattr(sys, "executable", python)
     await cloud._tick()
     assert len(cloud.worker_pids()) == 1
+
+
+async def test_a_robot_that_begins_anew_without_a_start_pose_has_none(cloud: CloudMerger) -> None:
+    _, final = settled()
+    told = []
+    for start in ((1.0, 2.0, 0.5), None):
+        profile = RobotProfile(robot="r1", stream="a" * 32, start=start)
+        cloud._heard(Received(keys.robot_profile("r1"), profile, 0))
+        await cloud._solve(replace(final, final=False))
+        told.append(await cloud._call("told"))
+    assert told == [{"r1": [1.0, 2.0, 0.5]}, {}]
