@@ -23,6 +23,10 @@ SATURATED = np.iinfo(np.uint16).max
 OCCUPIED_RATIO = 0.25
 """A cell is occupied when hits/visits exceeds this (GMapping's threshold)."""
 
+MAX_CELLS = 1 << 28
+"""largest map that is laid out as one array: 800 m by 800 m at 5 cm. One whose tiles lie farther apart is broken, and
+must not take the memory of all others"""
+
 TileKey = tuple[int, int]
 Counts = NDArray[np.uint16]
 Dense = NDArray[np.uint16]
@@ -74,8 +78,12 @@ class Grid:
         return int(tx0) * TILE, int(ty0) * TILE, int(tx1) * TILE, int(ty1) * TILE
 
     def dense(self) -> tuple[Dense, tuple[int, int]]:
-        """All tiles as one array (2, height, width) uint16, and the cell (x, y) of its [.., 0, 0]."""
+        """All tiles as one array (2, height, width) uint16, and the cell (x, y) of its [.., 0, 0].
+
+        Raises Unmergeable when they lie too far apart.
+        """
         x0, y0, x1, y1 = self.bounds()
+        check_size(x1 - x0, y1 - y0)
         out = np.zeros((2, y1 - y0, x1 - x0), np.uint16)
         for (tx, ty), counts in self.tiles.items():
             y, x = ty * TILE - y0, tx * TILE - x0
@@ -107,6 +115,12 @@ class Grid:
         grid = cls(resolution)
         grid.replace(tiles_of(counts, origin))
         return grid
+
+
+def check_size(width: int, height: int) -> None:
+    """Raises Unmergeable for more cells than are laid out as one array."""
+    if width * height > MAX_CELLS:
+        raise Unmergeable(f"a map of {width} x {height} cells is too large: choose a coarser one, or look for a jump")
 
 
 def tiles_of(counts: Dense, origin: tuple[int, int]) -> Iterator[tuple[TileKey, Counts]]:

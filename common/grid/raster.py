@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from common.grid.grid import STOOD, TILE, UNKNOWN, Grid, TileKey, occupancy
+from common.grid.grid import STOOD, TILE, UNKNOWN, Grid, TileKey, check_size, occupancy
 from common.grid.standing import certain
 
 Cells = NDArray[np.int8]
@@ -51,13 +51,18 @@ class Raster:
         )
 
     def dense(self) -> tuple[Cells, tuple[int, int]]:
-        """(height, width), row 0 the lowest y, and the cell (x, y) of its [0, 0]."""
+        """(height, width), row 0 the lowest y, and the cell (x, y) of its [0, 0].
+
+        Raises Unmergeable when the tiles lie too far apart.
+        """
         if not self.tiles:
             return np.full((1, 1), UNKNOWN), (0, 0)
         keys = np.array(list(self.tiles))
-        low, high = keys.min(axis=0), keys.max(axis=0) + 1
-        out = np.full(((high[1] - low[1]) * TILE, (high[0] - low[0]) * TILE), UNKNOWN)
+        low, high = keys.min(axis=0).tolist(), keys.max(axis=0).tolist()
+        width, height = ((last + 1 - first) * TILE for first, last in zip(low, high, strict=True))
+        check_size(width, height)
+        out = np.full((height, width), UNKNOWN)
         for (x, y), cells in self.tiles.items():
             row, column = (y - low[1]) * TILE, (x - low[0]) * TILE
             out[row : row + TILE, column : column + TILE] = cells
-        return out, (int(low[0]) * TILE, int(low[1]) * TILE)
+        return out, (low[0] * TILE, low[1] * TILE)

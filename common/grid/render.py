@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from common.errors import Unmergeable
-from common.grid.grid import Counts, Dense, Grid, occupancy, tiles_of
+from common.grid.grid import Counts, Dense, Grid, check_size, occupancy, tiles_of
 from common.grid.warp import SHIFT, STRAIGHT, Lattice, lattice, shift_at
 from common.wire.cloud import Warp
 
@@ -24,8 +24,6 @@ ARM = round(0.49 * (1 << SHIFT))
 """reach of a wall sample towards an occupied neighbour: just inside its own cell, so that identity is exact"""
 MAX_REACH_M = 10_000.0
 """transforms that move a map farther are wrong, and would overflow the fixed point"""
-MAX_CELLS = 1 << 28
-"""largest dense target, cells"""
 
 
 def render(grid: Grid, transform: ArrayLike, resolution: float, warp: Warp | None = None) -> Grid:
@@ -81,8 +79,7 @@ def _extent(
     cells = (forward[:, :2] @ corners + forward[:, 2:]) >> SHIFT
     low, high = cells.min(axis=1) - 1, cells.max(axis=1) + 2
     width, height = (int(v) for v in high - low)
-    if width * height > MAX_CELLS:
-        raise Unmergeable(f"rendering needs {width} x {height} cells: choose a coarser resolution")
+    check_size(width, height)
     return (int(low[0]), int(low[1])), (height, width)
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from common.errors import Unmergeable
 from common.grid import Grid
 from common.grid.compose import cap_votes, compose_into
 from common.grid.raster import Raster
@@ -74,3 +76,13 @@ def test_tiles_that_stay_equal_keep_their_version_and_vanished_ones_become_empty
     compose_into(product, [a])
     assert product.delta(version) == [(1, 0)]
     assert not product.tiles[1, 0].any()
+
+
+@pytest.mark.parametrize("far", [1000, -(2**57)])
+def test_a_map_whose_tiles_lie_too_far_apart_is_refused_before_it_takes_memory(far: int) -> None:
+    grid, sketch = Grid(0.05), Raster(0.05)
+    grid.replace([((0, 0), tile(0, 5)), ((far, far), tile(0, 5))])
+    sketch.follow(grid)
+    for laid_out in (grid.dense, grid.occupancy, sketch.dense):
+        with pytest.raises(Unmergeable, match=r"cells is too large"):
+            laid_out()
