@@ -35,8 +35,9 @@ class Fusion:
         self._shown: EdgeMapNotice | None = None
         self.stages: dict[str, float] = {}
         """seconds of the last run of each stage"""
-        self.bytes_in = 0
         self.failures = 0
+        self._missing: dict[str, str] = {}
+        """robot → why its map could not be taken the last time"""
 
     async def open(self) -> None:
         await self._start_worker()
@@ -48,6 +49,11 @@ class Fusion:
 
     def pids(self) -> list[int]:
         return [self._worker.process.pid] if self._worker is not None else []
+
+    def problems(self) -> list[str]:
+        """Whose maps of those to be fused here cannot be, and why."""
+        missing = sorted((robot, why) for robot, why in self._missing.items() if robot in self.state.members)
+        return [f"robot/{robot}: its map is not fused: {why}" for robot, why in missing]
 
     def routed(self, routes: Routes) -> None:
         self._feed(fusing.Routed(routes))
@@ -121,10 +127,11 @@ class Fusion:
             )
         except (PeerError, WorkerError) as error:
             self.failures += 1
+            self._missing[notice.robot] = str(error)
             log.info("robot map not fetched", extra={"robot": notice.robot, "edge": notice.edge, "reason": error})
             self._feed(fusing.FetchFailed(step))
             return
-        self.bytes_in += delta.size
+        self._missing.pop(notice.robot, None)
         self.stages["transfer"] = asyncio.get_running_loop().time() - begin
         self._feed(fusing.Fetched(step, delta.version, cover, delta.final))
 

@@ -66,5 +66,5 @@ class Report:
             bytes_in=bus.counters.received_bytes,
             bytes_out=bus.counters.sent_bytes,
             links=self._links.statuses(),
-            problems=(*bus.problems, *self._problems)[-PROBLEMS:],
+            problems=(*bus.problems, *self._problems, *fusion.problems())[-PROBLEMS:],
         )

@@ -7,6 +7,7 @@ import os
 import signal
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 
+import numpy as np
 import pytest
 from edge_samples import cover, notice, routes
 
@@ -15,6 +16,7 @@ from common.bus.tiles import tile_page
 from common.config import Fleet
 from common.grid import Grid
 from common.grid.paging import counts_page
+from common.grid.versions import first_version
 from common.link import LinkMeter
 from common.wire import EdgeMapNotice, FixedPose, Message, Placed, Transforms
 from common.wire.base import Covers
@@ -30,9 +32,10 @@ class Edge:
     def __init__(self, fusion: Fusion, heard: Bus) -> None:
         self.fusion, self._heard = fusion, heard
         self.covers: Covers = {"r1": cover(9)}
+        self.grid = Grid(0.05, version=3)
 
     async def tiles(self, key: str, params: Mapping[str, str]) -> Message:
-        return tile_page("robot/r1", "counts", counts_page(Grid(0.05, version=3), 0, "", 1000), self.covers, False, 0)
+        return tile_page("robot/r1", "counts", counts_page(self.grid, 0, "", 10_000), self.covers, False, 0)
 
     def told(self, version: int) -> None:
         self.fusion.noticed(notice("r1", "e2", version))
@@ -75,6 +78,21 @@ async def test_a_map_that_does_not_say_what_it_contains_is_not_fused_and_harms_n
         while not edge.fusion.failures:
             await edge.shown()
     assert edge.fusion.state.held["r1"].notice.version == 1
+
+
+async def test_a_map_that_cannot_be_fused_is_named_until_it_can(edge: Edge) -> None:
+    sound = edge.grid
+    edge.grid = Grid(0.05, version=first_version(9))
+    edge.grid.replace(((far, far), np.ones((2, 64, 64), np.uint16)) for far in (0, 1000))
+    edge.told(2)
+    async with asyncio.timeout(WITHIN_S):
+        while not edge.fusion.problems():
+            await edge.shown()
+        (problem,) = edge.fusion.problems()
+        assert problem.startswith("robot/r1: its map is not fused: Unmergeable: a map of 64064 x 64064 cells")
+        edge.grid = sound
+        while edge.fusion.problems():
+            await edge.shown()
 
 
 async def test_a_fusion_process_that_dies_again_as_it_comes_up_is_started_once_more(edge: Edge) -> None:
