@@ -17,8 +17,8 @@ def make(entry: RobotEntry, fleet: Fleet) -> Source:
         case SimSource() as sim:
             return Simulator(sim, entry.id, fleet.seed, peers_of(entry.id, sim.scene, fleet))
         case CarmenSource() as carmen:
-            # robots of one fleet must not start in the same hidden frame
-            return CarmenRobot(carmen, seed=fleet.seed + zlib.crc32(entry.id.encode()))
+            # robots of one fleet must not start in the same hidden frame; generators take no negative seed
+            return CarmenRobot(carmen, seed=(fleet.seed + zlib.crc32(entry.id.encode())) % 2**64)
         case RecordingSource() as recording:
             return Recording(recording.path)
 
