@@ -222,9 +222,15 @@ class RobotAgent:
     async def _hear_acks(self, bus: Bus) -> None:
         async for message in _messages(bus, keys.edge_ack(keys.ANY, self._entry.id)):
             if isinstance(message, Ack):
-                ignored = self.state.ignored
+                ignored, false = self.state.ignored, self.state.false_acks
                 self._feed(AckReceived(message))
-                if ignored == 0 and self.state.ignored:
+                if false == 0 and self.state.false_acks:
+                    log.error(
+                        "an edge has frames that this spool has not numbered, as if it were an old copy: "
+                        "stop the robot and move the spool away, so that a new stream begins",
+                        extra={"spool": self._spool.path, "ack": message},
+                    )
+                elif ignored == 0 and self.state.ignored:
                     log.warning("ack ignored; further ones are only counted", extra={"ack": message})
 
     async def _hear_routes(self, bus: Bus) -> None:

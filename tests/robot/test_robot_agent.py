@@ -168,6 +168,17 @@ async def test_a_disk_too_full_to_trim_does_not_end_the_robot(
         await status_when(bus, lambda status: status.spooled == 19)
 
 
+async def test_a_spool_that_is_an_old_copy_is_told_to_the_operator(
+    endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    bus = await open_bus()
+    async with running(fleet_at(endpoint, root), tmp_path, sweeps(3)) as agent:
+        end = await end_of(bus)
+        await PlayedEdge(bus).ack(end.stream, processed=100)
+        await until(lambda: agent.state.false_acks == 1)
+    assert "move the spool away, so that a new stream begins" in caplog.text
+
+
 async def test_after_a_hand_over_the_old_edge_is_not_heard_and_the_new_one_gets_all_that_it_lacks(
     endpoint: str, root: str, open_bus: OpenBus, tmp_path: Path
 ) -> None:
