@@ -47,7 +47,9 @@ async def why(bus: Bus) -> tuple[Plan, OverlapMatrix | None]:
     plan = await collect.one(bus, keys.SCHEDULER_PLAN, Plan)
     if plan is None:
         raise QueryFailed(
-            "no plan yet: one is made every few seconds once two robots and two edges are there", keys.SCHEDULER_PLAN
+            "no plan yet: one is made every few seconds once two robots and two edges are there, "
+            "in topologies recslam and edge-only alone",
+            keys.SCHEDULER_PLAN,
         )
     return plan, await collect.one(bus, keys.SCHEDULER_OVERLAP, OverlapMatrix)
 

@@ -127,6 +127,8 @@ def read_matrix(path: Path) -> Weights:
     Raises BadFile naming the file and what is wrong.
     """
     try:
+        if path.stat().st_size == 0:
+            raise BadFile(f"{path}: is empty")
         if path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as arrays:
                 matrix = arrays["weights"]

@@ -37,11 +37,12 @@ def test_csv_and_npz_give_the_same_plan(tmp_path) -> None:
 
 def test_a_file_that_holds_no_matrix_is_refused_by_name(tmp_path) -> None:
     (tmp_path / "text.csv").write_text("a,b\n1,2\n")
+    (tmp_path / "empty.csv").touch()
     (tmp_path / "broken.npz").write_bytes(b"PK")
     np.savez(tmp_path / "other.npz", matrix=np.zeros((2, 2)))
     np.savez(tmp_path / "skew.npz", weights=np.array([[0, 0.1], [0.2, 0]]))
     np.savez(tmp_path / "good.npz", weights=np.zeros((2, 2)))
-    for name in ("text.csv", "broken.npz", "other.npz", "skew.npz", "absent.npz", "matrix.txt"):
+    for name in ("text.csv", "empty.csv", "broken.npz", "other.npz", "skew.npz", "absent.npz", "matrix.txt"):
         with pytest.raises(BadFile, match=name):
             read_matrix(tmp_path / name)
     with pytest.raises(UsageError, match="edges"):
