@@ -8,7 +8,7 @@ import threading
 
 import zenoh
 
-from common.bus.settings import node_config
+from common.bus.settings import node_config, said
 from common.errors import RouterUnreachable, UsageError
 
 ATTEMPT_S = 2.0
@@ -25,11 +25,11 @@ async def open_session(endpoint: str, *, name: str, role: str, timeout_s: float)
         try:
             config = node_config(endpoint, name=name, role=role, connect_s=min(left, ATTEMPT_S))
         except zenoh.ZError as error:
-            raise UsageError(f"{endpoint!r} is no endpoint: {error}; write it like tcp/127.0.0.1:7447") from error
+            raise UsageError(f"{endpoint!r} is no endpoint: {said(error)}; write it like tcp/127.0.0.1:7447") from error
         try:
             return await _attempt(config, left)
         except zenoh.ZError as error:
-            reason = str(error).split(" at ")[0]
+            reason = said(error)
         await asyncio.sleep(max(0.0, min(PAUSE_S, deadline - loop.time())))
     raise RouterUnreachable(
         f"no router at {endpoint} within {timeout_s:g} s ({reason}); start one with `recslam up`, or set bus.endpoint"

@@ -10,7 +10,7 @@ from types import TracebackType
 
 import zenoh
 
-from common.bus.settings import router_config
+from common.bus.settings import router_config, said
 from common.errors import UsageError
 
 RUNTIME = "(rx: (worker_threads: 8))"
@@ -36,7 +36,7 @@ class Router:
         try:
             session = await asyncio.to_thread(zenoh.open, router_config(listen, name=name))
         except zenoh.ZError as error:
-            raise UsageError(f"cannot listen on {listen}: {error}; choose a free address or port 0") from error
+            raise UsageError(f"cannot listen on {listen}: {said(error)}; choose a free address or port 0") from error
         return cls(session, await asyncio.to_thread(_locator, session))
 
     async def close(self) -> None:

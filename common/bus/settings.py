@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Any
 
 import zenoh
@@ -67,6 +68,11 @@ def router_config(listen: str, *, name: str) -> zenoh.Config:
             },
         }
     )
+
+
+def said(error: zenoh.ZError) -> str:
+    """What Zenoh says, without the places in its own source."""
+    return re.sub(r" at \S+\.rs:\d+\.?", "", str(error))
 
 
 def _config(fields: dict[str, Any]) -> zenoh.Config:
