@@ -241,7 +241,8 @@ def load(path: Path | None, **overrides: Any) -> Fleet:
     try:
         return Fleet(**{**data, **overrides})
     except ValidationError as error:
-        raise ConfigError(f"{path or 'configuration'}: {explain(error)}") from error
+        found = explain(error).removeprefix("message: Value error, ")  # of the whole fleet: our own words
+        raise ConfigError(f"{path or 'configuration'}: {found}") from error
     except SettingsError as error:  # a section or list as a whole, and no JSON
         raise ConfigError(f"environment: {error}; name a field, as {ENV_PREFIX}SLAM__KERNEL=gmapping") from error
 

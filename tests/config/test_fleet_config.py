@@ -60,7 +60,7 @@ def test_the_environment_goes_before_the_file_and_leaves_its_neighbours_alone(
             "robots.0.start.2",
         ),
         ("[edge]\nlease_s = inf", "edge.lease_s"),
-        ("[[edges]]\nid = 'e'\n[[edges]]\nid = 'e'", "edges: e named twice"),
+        ("[[edges]]\nid = 'e'\n[[edges]]\nid = 'e'", "toml: edges: e named twice"),
     ],
 )
 def test_a_wrong_field_is_named(tmp_path: Path, text: str, field: str) -> None:
