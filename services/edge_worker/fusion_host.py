@@ -62,13 +62,16 @@ class FusionHost:
         tiles: list[tuple[int, int, bytes]],
         whole: bool,
     ) -> None:
-        """Tiles of a robot map, which then is this version; `whole`: all there are, otherwise what has changed."""
-        grid = self._maps.get(robot)
-        if grid is None or whole or grid.resolution != resolution:
-            grid = Grid(resolution)
+        """Tiles of a robot map, which then is this version; `whole`: all there are, otherwise what has changed.
+
+        What is held stays as it is when they are refused: it goes on being fused with the others.
+        """
+        old, grid = self._maps.get(robot), Grid(resolution)
+        if old is not None and not whole and old.resolution == resolution:
+            grid = Grid(resolution, dict(old.tiles), old.version, dict(old.changed))
         grid.replace([((x, y), decode_counts(data, robot)) for x, y, data in tiles])
-        self._maps[robot], self._covers[robot] = grid, cover
         self._pairs.put(robot, MatchMap.from_grid(grid), version, final)
+        self._maps[robot], self._covers[robot] = grid, cover
         self._rendered.pop(robot, None)
 
     def forget(self, robot: str) -> None:
