@@ -138,7 +138,7 @@ async def test_robots_forget_what_is_in_a_checkpoint_and_an_edge_that_dies_then_
         home = await made.processed("r1", SOME)
 
         def trimmed(status: RobotStatus) -> bool:
-            return 0 < status.spooled < status.sent
+            return status.spooled < status.sent
 
         await made.hear(keys.robot_status("r1"), RobotStatus, trimmed)
         await made.kill(home)
