@@ -19,6 +19,12 @@ SLIP_RADPS, SLIP_ROUNDS, SLIP_GAIN = 0.6, 6, 1.002
 """first change of the turn rate that is tried, how often, and the share by which it must better the score"""
 WIDE = 2.5
 """the search looks so many standard deviations to each side"""
+POOR = 0.75
+"""share of the points that find walls below which a scan is sought again, far and wide: stamps lie, wheels stall"""
+WIDER, WIDER_M, WIDER_RAD = 8.0, 0.02, 0.01
+"""times dead reckoning's standard deviation, and how much more, of that search"""
+NEARLY_ALL, MUCH_BETTER = 0.85, 0.2
+"""share of the points that must find walls there, and by which it must be better: else the scan sees what is new"""
 
 
 @dataclass(frozen=True)
@@ -41,14 +47,24 @@ class ParticleMatcher:
     ) -> tuple[NDArray[np.float64], bool]:
         """The pose (3,) near `guess` where `points` (n, 2) fit one particle's map, and whether they do."""
         cells = self._thinned(points, self.settings.match_points)
+        pose, found = self._near(cells, guess, doubt, particle)
+        if found < POOR:
+            wide = Uncertainty(WIDER * doubt.metres + WIDER_M, WIDER * doubt.radians + WIDER_RAD)
+            elsewhere, agree = self._near(cells, guess, wide, particle)
+            if agree > max(NEARLY_ALL, found + MUCH_BETTER):
+                pose, found = elsewhere, agree
+        return (guess, False) if found < self.settings.min_found else (pose, True)
+
+    def _near(
+        self, cells: NDArray[np.float64], guess: NDArray[np.float64], doubt: Uncertainty, particle: int
+    ) -> tuple[NDArray[np.float64], float]:
+        """The best pose (3,) near `guess` of points (n, 2) in cells, and the share of them that finds walls there."""
         pull = self._pull(doubt, len(cells))
         start = self._search(cells, self._cells(guess), pull, doubt, particle)
         x, y, theta, _ = climb(cells, start, self._cells(guess), pull, *self._climbing(), *self._map(particle))
         pose = np.array([x, y, theta])
         found = found_walls(cells, pose, self.maps.table[particle], self.maps.pool.near)
-        if found < self.settings.min_found * len(cells):
-            return guess, False
-        return self._metres(pose), True
+        return self._metres(pose), found / len(cells)
 
     def unslip(
         self, scan: Scan, pose: NDArray[np.float64], doubt: Uncertainty, particle: int
