@@ -75,10 +75,12 @@ class CarmenLog:
             raise BadFile(f"{self.path}: {self.laser!r} is no laser; take one of {', '.join(LASERS)}")
         self._range_max = range_max
         self._mount: PoseTuple | None = None
-        scans, odometry = self._read()
-        if not scans:
-            raise BadFile(f"{self.path}: holds no usable {self.laser} row ({self.malformed} malformed)")
-        self._sweeps = self._assemble(scans, odometry)
+        self._sweeps = self._assemble(*self._read())
+        if not self._sweeps:
+            raise BadFile(
+                f"{self.path}: holds no usable {self.laser} row "
+                f"({self.malformed} malformed, {self.disordered} with stamps out of order)"
+            )
 
     def __iter__(self) -> Iterator[Sweep]:
         return iter(self._sweeps)
@@ -175,7 +177,7 @@ class CarmenLog:
         samples = np.concatenate([odometry[:, :4], np.array(own, np.float64).reshape(-1, 4)])
         samples = samples[np.argsort(samples[:, 0], kind="stable")]
         ends = np.searchsorted(samples[:, 0], [scan.stamp for scan in scans], side="right")
-        starts = np.concatenate([[0], ends[:-1]])
+        starts = np.concatenate([[0], ends])[: len(scans)]
         return [
             Sweep(scan.stamp, scan.geometry, scan.ranges, samples[a:b] if len(samples) else None)
             for scan, a, b in zip(scans, starts, ends, strict=True)
@@ -232,8 +234,8 @@ def _list(fields: list[str], at: int) -> tuple[int, int]:
 
 def _ranges(fields: list[str], range_max: float) -> NDArray[np.float32]:
     """Readings in metres by REP-117: at or beyond the maximum is nothing in range, 0 and below is invalid."""
-    ranges = np.array([float(field) for field in fields], np.float32)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
+        ranges = np.array([float(field) for field in fields], np.float32)
         ranges[ranges >= np.float32(range_max)] = np.inf
         ranges[ranges <= 0] = np.nan
     return ranges

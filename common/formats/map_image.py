@@ -34,7 +34,7 @@ def read_channels(path: Path) -> NDArray[np.float64]:
         data = path.read_bytes()
         if data.startswith(b"\x1f\x8b"):
             data = gzip.decompress(data)
-    except (OSError, EOFError, zlib.error) as error:
+    except (OSError, EOFError, ValueError, zlib.error) as error:
         raise BadFile(f"{path}: cannot be read: {error}") from error
     return _parse_pgm(path, data) if data.startswith(b"P5") else _decode(path, data)
 

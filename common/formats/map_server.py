@@ -130,8 +130,11 @@ class Metadata:
     def image(self) -> Path:
         """The image's path, which the file gives relative to itself; the same name with .gz is taken too."""
         path = self.path.parent / self._values["image"]
-        zipped = path.with_name(path.name + ".gz")
-        return zipped if zipped.exists() and not path.exists() else path
+        try:
+            zipped = path.with_name(path.name + ".gz")
+            return zipped if zipped.exists() and not path.exists() else path
+        except (OSError, ValueError) as error:
+            raise BadFile(f"{self.path}: image {self._values['image'][:64]!r} is no file name: {error}") from error
 
     def _numbers(self, name: str, count: int) -> list[float]:
         text = self._values[name]

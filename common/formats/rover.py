@@ -83,7 +83,8 @@ class RoverLog:
                 self.malformed += 1
                 self.first_malformed = self.first_malformed or f"{self.path}:{number}: {error}"
                 continue
-            ranges = (values[FIRST_RANGE:] / 1000).astype(np.float32)
+            with np.errstate(over="ignore"):
+                ranges = (values[FIRST_RANGE:] / 1000).astype(np.float32)
             ranges[ranges < RANGE_MIN_M] = np.nan
             ranges[ranges > RANGE_MAX_M] = np.inf
             rows.append((float(values[0]) * 1e-6, float(values[2]), float(values[3]), ranges))

@@ -7,6 +7,7 @@ import math
 import os
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,12 @@ def test_no_return_is_infinite_and_zero_is_invalid(tmp_path):
     assert sweep.ranges[1] == np.inf
 
 
+def test_a_reading_too_large_for_any_number_is_no_return_and_no_warning(tmp_path):
+    with warnings.catch_warnings(action="error"):
+        (sweep,) = log(tmp_path, flaser(1.0, ["1e39", "1e400", 2.0]))
+    np.testing.assert_array_equal(sweep.ranges, np.array([np.inf, np.inf, 2], np.float32))
+
+
 def test_a_laser_off_the_robots_centre_is_mounted_there(tmp_path):
     robot, ahead = (1.0, 2.0, math.pi / 2), (1.0, 2.2, math.pi / 2)
     (sweep,) = log(tmp_path, flaser(1.0, [1, 1], robot, ahead))
@@ -112,6 +119,8 @@ def test_a_file_without_lasers_is_refused(tmp_path):
         log(tmp_path, odom(1.0))
     with pytest.raises(BadFile, match="no usable RLASER"):
         log(tmp_path, flaser(1.0, [1, 1]), laser="RLASER")
+    with pytest.raises(BadFile, match=r"no usable FLASER row .*1 with stamps out of order"):
+        log(tmp_path, odom(1.0), odom(2.0), flaser(9e9, [1, 1]), odom(3.0), odom(4.0))
     with pytest.raises(BadFile, match="is no laser"):
         log(tmp_path, flaser(1.0, [1, 1]), laser="SONAR")
     with pytest.raises(BadFile, match="gone"):

@@ -114,6 +114,13 @@ def test_what_is_wrong_with_a_map_is_said(tmp_path, change, says):
         read_map(path)
 
 
+@pytest.mark.parametrize(("name", "reason"), [("m" * 5000, "is no file name"), ("m\0.pgm", "cannot be read")])
+def test_a_name_that_no_image_can_have_is_refused(tmp_path, name, reason):
+    (tmp_path / "m.yaml").write_text(META.replace("m.pgm", name))
+    with pytest.raises(BadFile, match=reason):
+        read_map(tmp_path / "m.yaml")
+
+
 @pytest.mark.parametrize("image", [b"", b"P5 4 4 255 abc", b"P5 x", b"P5 1 1 0 a", b"P5 999999 999999 255 a", b"GIF?"])
 def test_a_broken_image_is_refused_by_name(tmp_path, image):
     path = saved(tmp_path, [[0]])
