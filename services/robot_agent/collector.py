@@ -56,6 +56,8 @@ class Collector:
         """sweeps taken from the source"""
         self._offset: float | None = None
         """monotonic clock minus stamp, at the first paced sweep"""
+        self._full = False
+        """the disk did not take the last frames: said once, a log is not to fill it further"""
 
     def stop(self) -> None:
         """Make a request that is waiting return soon; from any thread."""
@@ -104,9 +106,15 @@ class Collector:
         while True:
             try:
                 self._spool.append(encoded, self._count)
-                return Taken(tuple(frames), sum(len(data) for data in encoded), ended=False)
             except SpoolFull as error:
-                log.error("spool takes no more", extra={"reason": error, "frames": len(frames)})
+                if not self._full:
+                    log.error("spool takes no more", extra={"reason": error})
+                self._full = True
+            else:
+                if self._full:
+                    log.info("spool takes frames again", extra={"refused": self.refused})
+                self._full = False
+                return Taken(tuple(frames), sum(len(data) for data in encoded), ended=False)
             if not self.can_wait:
                 self.refused += len(frames)
                 return Taken((), 0, ended=False)

@@ -14,7 +14,7 @@ import pytest
 from list_source import GEOMETRY, ListSource, sweeps
 
 from common.config import CarmenSource, Fleet, RecordingSource, RobotEntry, SimSource
-from common.errors import BadFile
+from common.errors import BadFile, SpoolFull
 from common.wire import Frame
 from services.robot_agent.collector import Collector
 from services.robot_agent.sources.factory import make, peers_of
@@ -95,6 +95,23 @@ def test_a_full_disk_makes_a_log_wait_and_a_live_source_lose(tmp_path: Path) -> 
             assert collector.take(3).frames == ()
             assert collector.refused == refused
             assert spool.now().next_seq == 0
+
+
+def test_a_full_disk_is_told_once_until_it_takes_frames_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def refuse(spool: Spool, frames: list[bytes], taken: int) -> int:
+        raise SpoolFull("disk is full")
+
+    caplog.set_level("INFO")
+    with Spool(tmp_path / "s", "r1", MB) as spool:
+        collector = Collector(ListSource(sweeps(8), can_wait=False), spool)
+        for _ in range(2):
+            with monkeypatch.context() as full:
+                full.setattr(Spool, "append", refuse)
+                assert [collector.take(1).frames for _ in range(3)] == [()] * 3
+            assert len(collector.take(1).frames) == 1
+    assert [record.message for record in caplog.records] == ["spool takes no more", "spool takes frames again"] * 2
 
 
 def entry(source: SimSource | CarmenSource | RecordingSource, robot: str = "r1") -> RobotEntry:
