@@ -63,5 +63,9 @@ class ServiceDied(RecslamError):
     """A service of a cluster ended by itself; the message has the end of its log."""
 
 
+class MapTooLarge(RecslamError):
+    """A robot seems to have gone farther than its kernel's map can reach; the message names another kernel."""
+
+
 class SnapshotRefused(UsageError):
     """A SLAM snapshot that is foreign, corrupt or newer than this program."""

@@ -9,11 +9,21 @@ from pydantic import ConfigDict, Field
 
 from common.wire.arrays import ArrayOf
 from common.wire.base import Message, Name, Part, PoseTuple, StreamId
-from common.wire.limits import MAX_BEAMS, MAX_SAMPLES
+from common.wire.limits import (
+    MAX_ANGLE_RAD,
+    MAX_BEAMS,
+    MAX_MOUNT_M,
+    MAX_RANGE_M,
+    MAX_SAMPLES,
+    MAX_STAMP_S,
+    MAX_TIME_INCREMENT_S,
+)
 
 NAN_CODE, PLUS_INF_CODE, MINUS_INF_CODE = 65_535, 65_534, 65_533
 """uint16 codes of REP-117: invalid, nothing in range, too close."""
 
+Angle = Annotated[float, Field(ge=-MAX_ANGLE_RAD, le=MAX_ANGLE_RAD)]
+Offset = Annotated[float, Field(ge=-MAX_MOUNT_M, le=MAX_MOUNT_M)]
 Samples = Annotated[np.ndarray, ArrayOf("float64", columns=4, max_rows=MAX_SAMPLES)]
 
 
@@ -22,13 +32,13 @@ class LaserScan(Part):
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
-    angle_min: Annotated[float, Field(allow_inf_nan=False)]
-    angle_increment: Annotated[float, Field(allow_inf_nan=False)]
-    range_min: Annotated[float, Field(ge=0, allow_inf_nan=False)]
-    range_max: Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    time_increment: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    angle_min: Angle
+    angle_increment: Angle
+    range_min: Annotated[float, Field(ge=0, le=MAX_RANGE_M)]
+    range_max: Annotated[float, Field(gt=0, le=MAX_RANGE_M)]
+    time_increment: Annotated[float, Field(ge=0, le=MAX_TIME_INCREMENT_S)] = 0.0
     """seconds between beams; 0 when the sweep is (or must be taken as) instantaneous"""
-    mount: PoseTuple = (0.0, 0.0, 0.0)
+    mount: tuple[Offset, Offset, Angle] = (0.0, 0.0, 0.0)
     """pose of the laser in the robot's base frame"""
     quantum: Annotated[float, Field(ge=0, le=0.05, allow_inf_nan=False)]
     """metres per count of uint16 ranges; 0 when `ranges` are float32 metres"""
@@ -77,7 +87,7 @@ class Frame(Message):
     stream: StreamId
     seq: Annotated[int, Field(ge=0)]
     """counts from 0 within the stream, without gaps"""
-    stamp: float
+    stamp: Annotated[float, Field(ge=-MAX_STAMP_S, le=MAX_STAMP_S)]
     """seconds, robot's clock"""
     stamp_at: Literal["sweep_start", "sweep_middle", "sweep_end"] = "sweep_start"
     kind: Annotated[str, Field(max_length=32)] = "laser"

@@ -158,6 +158,25 @@ def test_frames_keep_their_limits(field: str, array: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("stamp", 1.7e18),
+        ("angle_min", -180.0),
+        ("angle_increment", 1e300),
+        ("range_max", 1e9),
+        ("time_increment", 1e3),
+        ("mount", [250.0, 0.0, 0.0]),
+        ("mount", [0.0, 0.0, 180.0]),
+    ],
+)
+def test_numbers_in_a_wrong_unit_or_of_no_laser_are_refused_by_the_name_of_the_field(field: str, value: Any) -> None:
+    fields = plain(SAMPLES["Frame"])
+    (fields if field == "stamp" else fields["scan"])[field] = value
+    with pytest.raises(BadMessage, match=rf"robot/r1/frames: .*{field}"):
+        decode(bytes(msgpack.packb([VERSION, "Frame", fields], default=pack_array)), "robot/r1/frames")
+
+
+@pytest.mark.parametrize(
     "data",
     [
         b"\xdd\x00\x01\x00\x00" * 2000,

@@ -36,6 +36,10 @@ HISTORY = 8
 """frames over which odometry may have stalled and then catches up"""
 HEADING_SIGMA = 0.005
 """rad, of a match that does not say how well it knows the heading"""
+AHEAD_S = 60.0
+"""samples later than this after their frame's stamp are of another clock: in order with them, no later one would be"""
+FARTHEST_M, MOST_TURNED = 1e8, 1e6
+"""m, rad; odometry that tells of more is nonsense"""
 GYRO_LIMIT = 35.0
 """rad/s, what the usual ones can say; more is nonsense"""
 
@@ -76,8 +80,8 @@ class DeadReckoning:
         if before is None or now < before:
             self.odometry = self.imu = NO_SAMPLES
         start = now if before is None else min(before, now)
-        self.odometry = _extend(self.odometry, frame.odometry, start)
-        self.imu = _extend(self.imu, _sane(frame.imu), start)
+        self.odometry = _extend(self.odometry, _credible(frame.odometry), start, now + AHEAD_S)
+        self.imu = _extend(self.imu, _sane(frame.imu), start, now + AHEAD_S)
         self.stamp, self.dt = now, (0.0 if before is None else now - before)
         self.at = _pose_at(self.odometry, now)
         self._gyro_yaw = None
@@ -134,7 +138,8 @@ class DeadReckoning:
             for motion in self.history[1:, 3:]:
                 travelled = compose(travelled, motion)
             others.append(between(travelled, self.wheels.scaled(between(self.history[0, :3], self.at))))
-        return np.array(others).reshape(-1, 3)
+        near = JUMP_M + MAX_SPEED * min(HISTORY * max(self.dt, 0.0), LONGEST_S)
+        return np.array([motion for motion in others if np.hypot(motion[0], motion[1]) <= near]).reshape(-1, 3)
 
     def learn(
         self,
@@ -204,9 +209,15 @@ def _sane(imu: Samples | None) -> Samples | None:
     return imu if imu is None else imu[np.abs(imu[:, 1]) <= GYRO_LIMIT]
 
 
-def _extend(old: Samples, new: Samples | None, start: float) -> Samples:
-    """Samples with rising stamps, the last of equal ones, cut so that one at or before `start` is still among them."""
-    new = NO_SAMPLES if new is None else new[np.isfinite(new).all(axis=1)]
+def _credible(odometry: Samples | None) -> Samples | None:
+    """Samples of where a robot can be."""
+    limits = (FARTHEST_M, FARTHEST_M, MOST_TURNED)
+    return odometry if odometry is None else odometry[(np.abs(odometry[:, 1:]) <= limits).all(axis=1)]
+
+
+def _extend(old: Samples, new: Samples | None, start: float, end: float) -> Samples:
+    """Samples with rising stamps up to `end`, the last of equal ones, cut so that one at or before `start` is left."""
+    new = NO_SAMPLES if new is None else new[np.isfinite(new).all(axis=1) & (new[:, 0] <= end)]
     if len(new):
         joined = np.concatenate([old, new]) if len(old) else new
         ordered = joined[joined[:, 0] >= np.maximum.accumulate(joined[:, 0])]

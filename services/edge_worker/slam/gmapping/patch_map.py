@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from common.errors import MapTooLarge
 from services.edge_worker.slam.gmapping.patch_near import find_all, update_near
 from services.edge_worker.slam.gmapping.patch_pool import (
     COARSER,
@@ -27,6 +28,8 @@ BLOCK = 16
 """cells; the table grows in steps of so many"""
 MARGIN = 4
 """blocks of slack when it grows"""
+MOST_BYTES = 1 << 30
+"""of all tables: 30 particles may see 1.2 x 1.2 km"""
 
 
 class PatchMap:
@@ -47,7 +50,10 @@ class PatchMap:
         return self.pool.held
 
     def cover(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
-        """Grow the table until it covers the box low..high (metres, map frame) with a block to spare all around."""
+        """Grow the table until it covers the box low..high (metres, map frame) with a block to spare all around.
+
+        Raises MapTooLarge, and is then as it was.
+        """
         size = self.resolution_m * BLOCK
         first, last = np.floor(low / size).astype(np.int64) - 1, np.floor(high / size).astype(np.int64) + 1
         old = self.corner // BLOCK
@@ -60,6 +66,12 @@ class PatchMap:
             ends = np.where(last >= old + size_now, last + MARGIN, old + size_now - 1)
         start = np.where(first < old, first - MARGIN, old)
         width, height = (ends - start + 1) * BLOCK // SIDE
+        if float(width) * float(height) * len(self.table) * self.table.itemsize > MOST_BYTES:
+            metres = " x ".join(f"{side * SIDE * self.resolution_m:.0f}" for side in (width, height))
+            raise MapTooLarge(
+                f"gmapping: the map would be {metres} m, which {len(self.table)} particles cannot have; "
+                f"where the robot did go so far, use kernel 'graph'"
+            )
         self.lay_out(start * BLOCK, height, width)
 
     def cover_scan(self, points: NDArray[np.float32], poses: NDArray[np.float64], slack_m: float = 0.0) -> None:
