@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections import deque
 from collections.abc import Mapping
 from typing import Any
@@ -52,7 +53,9 @@ class Scheduler(Service):
         super().__init__(bus, stop)
         self._fleet = fleet
         self._clock = asyncio.get_running_loop().time
-        self.state = SchedulerState(Topology(fleet.topology), fleet.edge_ids(), fleet.bus.grace_s)
+        # Robots and the cloud may have heard tables of an earlier scheduler of which no edge is left to tell.
+        term = int(time.time())
+        self.state = SchedulerState(Topology(fleet.topology), fleet.edge_ids(), fleet.bus.grace_s, term)
         self._worker: Worker | None = None
         self._inputs = Inputs(fleet, load_profile(fleet.scheduler.profile))
         self._overloads = Overloads(self._inputs, 0 if fleet.robot.realtime else fleet.edge.window)

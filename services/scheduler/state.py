@@ -4,9 +4,9 @@ A robot is placed at the tick after it and its profile have come, by load: a fle
 one each. Plans regroup robots at intervals, and an edge that cannot keep up loses robots whatever is planned. A robot
 that has left keeps its route: its map stays in the fused maps, and at the edge that has made it. An edge that is gone
 for longer than the grace time loses its robots to the others, which make their maps from checkpoints and spools. When
-the router is lost, nobody is declared gone: everybody seems to be. Every table has an epoch (term, n), the term one
-higher than that of any claim that is heard, so that the tables of an earlier scheduler are fenced off. Events in,
-instructions out; times come with the events.
+the router is lost, nobody is declared gone: everybody seems to be. Every table has an epoch (term, n), the term being
+the time at which the scheduler began, in seconds, and higher than that of any claim that is heard, so that the tables
+of an earlier scheduler are fenced off. Events in, instructions out; times come with the events.
 """
 
 from __future__ import annotations
