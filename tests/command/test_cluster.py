@@ -187,7 +187,7 @@ def test_a_service_that_dies_ends_the_run_with_the_end_of_its_log(tmp_path: Path
 
 
 def test_a_robot_that_is_killed_does_not_end_the_run_and_is_named_with_its_last_frame(tmp_path: Path) -> None:
-    with start("up", write_fleet(tmp_path, seconds=600), cwd=tmp_path, RECSLAM_EDGE__LEASE_S="2") as process:
+    with start("up", write_fleet(tmp_path, seconds=3000), cwd=tmp_path, RECSLAM_EDGE__LEASE_S="2") as process:
         read_until(process, " of 2 robots in ")
         (robot,) = [pid for pid in family(process.pid) if program(pid)[2:5] == ["services.robot_agent", "--id", "r2"]]
         os.kill(robot, signal.SIGKILL)
@@ -199,7 +199,7 @@ def test_a_robot_that_is_killed_does_not_end_the_run_and_is_named_with_its_last_
     last = found["vanished"]["r2"]
     assert "r2 was killed by SIGKILL; after edge.lease_s = 2 s its map is final as it is" in said
     assert f"vanished   r2 at frame {last}: the map has what had come of it by then" in said
-    assert len(read_trajectory(tmp_path / "runs" / "latest" / "robots" / "r2.tum")) == last + 1 < 3300
+    assert len(read_trajectory(tmp_path / "runs" / "latest" / "robots" / "r2.tum")) == last + 1 < 16500
 
 
 def program(pid: int) -> list[str]:
