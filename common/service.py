@@ -21,7 +21,7 @@ from typing import Any
 from common.bus import Bus, keys
 from common.bus.intake import Received
 from common.config import Fleet, load
-from common.errors import UsageError
+from common.errors import PeerError, UsageError
 from common.heartbeat import beat
 from common.parent import watch_parent
 from common.telemetry import LogFormat, setup_logging
@@ -72,6 +72,20 @@ class Service:
 
     def _linked(self, up: bool) -> None:
         """The router is there, or is lost."""
+
+    async def _refuse_second(self, status_key: str, timeout_s: float) -> None:
+        """Two under one name would undo each other's work. Raises UsageError where another one lives.
+
+        A latched status is answered only by the living.
+        """
+        name = status_key.removesuffix("/status")
+        try:
+            answers = await self.bus.get(status_key, timeout_s=timeout_s)
+        except PeerError as error:
+            log.warning("cannot tell whether there is another", extra={"service": name, "reason": error})
+            return
+        if answers:
+            raise UsageError(f"another {name} is there; stop that one first")
 
     def _start(self, work: Coroutine[Any, Any, None], name: str) -> None:
         """A task that ends with the service; when it fails, the service does."""

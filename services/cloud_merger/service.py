@@ -62,6 +62,7 @@ class CloudMerger(Service):
         self._links = LinkMeter()
 
     async def _open(self) -> None:
+        await self._refuse_second(keys.CLOUD_STATUS, self._fleet.bus.timeout_s)
         await self._process.start()
         await self.bus.serve(keys.CLOUD_MAP, self._tiles)
         await self.bus.declare_alive(keys.CLOUD_ALIVE)

@@ -87,6 +87,7 @@ class EdgeWorker(Service):
         self._kernels = Kernels(fleet, self.state, self._pool, bus, self._report.problem)
 
     async def _open(self) -> None:
+        await self._refuse_second(keys.edge_status(self.edge), self._fleet.bus.timeout_s)
         await self._pool.open()
         await self._fusion.open()
         await self.maps.open()

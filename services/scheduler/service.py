@@ -65,7 +65,7 @@ class Scheduler(Service):
         self._problems: deque[str] = deque(maxlen=16)
 
     async def _open(self) -> None:
-        await self._refuse_second()
+        await self._refuse_second(keys.SCHEDULER_STATUS, self._fleet.bus.timeout_s)
         self._worker = await Worker.start(TARGET)
         await self._worker.ready()
         self._feed(scheduling.Claimed(await self._claims(), self._clock()))
@@ -93,17 +93,6 @@ class Scheduler(Service):
     async def _close(self) -> None:
         if self._worker is not None:
             await self._worker.close()
-
-    async def _refuse_second(self) -> None:
-        """Two would outbid each other's tables without end. A latched status is answered only by the living."""
-        try:
-            answers = await self.bus.get(keys.SCHEDULER_STATUS, timeout_s=self._fleet.bus.timeout_s)
-        except PeerError as error:
-            log.warning("cannot tell whether there is another scheduler", extra={"reason": error})
-            return
-        for answer in answers:
-            if isinstance(answer.message, SchedulerStatus):
-                raise UsageError(f"another scheduler is there, with table {answer.message.epoch}; stop that one first")
 
     async def _claims(self) -> tuple[Claims, ...]:
         """Robots that edges run already keep their places; who does not answer now is heard later."""
