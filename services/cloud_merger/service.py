@@ -33,12 +33,13 @@ from common.wire import (
     decode,
     encode,
 )
-from common.workers import WorkerError
+from common.workers import WarmWorker, WorkerError
 from services.cloud_merger import events as merging
 from services.cloud_merger.joint import corrected
-from services.cloud_merger.merging_process import MergingProcess
 from services.cloud_merger.state import CloudState
 from services.cloud_merger.trace import trace
+
+TARGET = "services.cloud_merger.merge_host:MergeHost"
 
 log = logging.getLogger(__name__)
 
@@ -50,7 +51,7 @@ class CloudMerger(Service):
         super().__init__(bus, stop)
         self._fleet = fleet
         self.state = CloudState(expected=fleet.expected_robots())
-        self._process = MergingProcess(fleet.fusion.settings)
+        self._process = WarmWorker("merging", TARGET, fleet.fusion.settings)
         self._statuses: dict[str, RobotStatus] = {}
         self._starts: dict[str, PoseTuple | None] = {}
         self._transfers: dict[str, float] = {}
@@ -283,6 +284,3 @@ class CloudMerger(Service):
             return  # the next tick does
         self.state = self.state.empty_handed()
         self._feed(merging.Tick())
-
-    def worker_pids(self) -> list[int]:
-        return self._process.pids()

@@ -14,7 +14,7 @@ from common.errors import PeerError, QueryFailed, WorkerDied
 from common.grid.paging import parse_number
 from common.link import LinkMeter
 from common.wire import Component, Cover, EdgeMapNotice, MapNotice, Message, Routes, Transforms, decode, encode
-from common.workers import Worker, WorkerError
+from common.workers import WarmWorker, WorkerError
 from services.edge_worker import fusing
 from services.edge_worker.fusing import FusingState
 
@@ -30,7 +30,7 @@ class Fusion:
     def __init__(self, fleet: Fleet, edge: str, bus: Bus, links: LinkMeter) -> None:
         self._fleet, self._edge, self._bus, self._links = fleet, edge, bus, links
         self.state = FusingState(edge)
-        self._worker: Worker | None = None
+        self._process = WarmWorker("fusion", TARGET, fleet.fusion.settings)
         self._steps: asyncio.Queue[fusing.Instruction | None] = asyncio.Queue(maxsize=4096)
         self._shown: EdgeMapNotice | None = None
         self.stages: dict[str, float] = {}
@@ -40,15 +40,14 @@ class Fusion:
         """robot → why its map could not be taken the last time"""
 
     async def open(self) -> None:
-        await self._start_worker()
+        await self._process.start()
         await self._bus.serve(keys.edge_map(self._edge), self._tiles)
 
     async def close(self) -> None:
-        if self._worker is not None:
-            await self._worker.close()
+        await self._process.close()
 
     def pids(self) -> list[int]:
-        return [self._worker.process.pid] if self._worker is not None else []
+        return self._process.pids()
 
     def problems(self) -> list[str]:
         """Whose maps of those to be fused here cannot be, and why."""
@@ -83,9 +82,8 @@ class Fusion:
 
     async def _guard(self) -> None:
         """Wake `run` when the process dies while it has nothing to do."""
-        if self._worker is not None:
-            await self._worker.gone.wait()
-            self._steps.put_nowait(None)
+        await self._process.up().gone.wait()
+        self._steps.put_nowait(None)
 
     async def _tick(self) -> None:
         while True:
@@ -182,22 +180,13 @@ class Fusion:
         return tile_page(f"edge/{self._edge}", "counts", page, shown.covers, shown.final, shown.world_epoch)
 
     async def _call(self, method: str, **arguments: Any) -> Any:
-        if self._worker is None:
-            raise WorkerDied("the fusion process is not up")
-        return await self._worker.call(method, **arguments)
-
-    async def _start_worker(self) -> None:
-        self._worker = await Worker.start(TARGET)
-        await self._worker.call("configure", settings=self._fleet.fusion.settings)
-        await self._worker.call("warm")
+        return await self._process.up().call(method, **arguments)
 
     async def _restart(self) -> None:
         """Another process, tried for until one has come up: SLAM goes on meanwhile."""
         while True:
-            if self._worker is not None:
-                await self._worker.close()
             try:
-                await self._start_worker()
+                await self._process.replaced()
                 break
             except (WorkerDied, WorkerError, OSError) as error:
                 log.error("the fusion process did not come up; trying again", extra={"reason": error})

@@ -38,12 +38,12 @@ class Edges:
 @pytest.fixture
 async def cloud(open_bus: OpenBus, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[CloudMerger]:
     """It does nothing by itself."""
-    monkeypatch.setattr("services.cloud_merger.merging_process.TARGET", HOST)
+    monkeypatch.setattr("services.cloud_merger.service.TARGET", HOST)
     stop = asyncio.Event()
     cloud = CloudMerger(Fleet(cloud={"merge_every_s": 1e6}), await open_bus("cloud"), stop)
     running = asyncio.create_task(cloud.run())
     async with asyncio.timeout(60):
-        while not cloud.worker_pids():
+        while not cloud._process.warm:
             await asyncio.to_thread(os.sched_yield)
     yield cloud
     stop.set()
@@ -52,10 +52,10 @@ async def cloud(open_bus: OpenBus, monkeypatch: pytest.MonkeyPatch) -> AsyncIter
 
 async def kill(cloud: CloudMerger) -> None:
     """Returns once it has been noticed."""
-    (pid,) = cloud.worker_pids()
+    (pid,) = cloud._process.pids()
     os.kill(pid, signal.SIGKILL)
     async with asyncio.timeout(60):
-        while cloud.worker_pids() == [pid]:
+        while cloud._process.pids() == [pid]:
             await asyncio.to_thread(os.sched_yield)
             await cloud._tick()
 
@@ -83,11 +83,11 @@ async def test_a_process_that_cannot_be_started_is_tried_again(
     python = sys.executable
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
     await kill(cloud)
-    assert cloud.worker_pids() == []
+    assert cloud._process.pids() == []
     assert any("/nowhere/python" in problem for problem in cloud.status().problems)
     monkeypatch.setattr(sys, "executable", python)
     await cloud._tick()
-    assert len(cloud.worker_pids()) == 1
+    assert len(cloud._process.pids()) == 1
 
 
 async def test_a_robot_that_begins_anew_without_a_start_pose_has_none(cloud: CloudMerger) -> None:

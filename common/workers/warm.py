@@ -1,4 +1,4 @@
-"""The process that computes for the cloud; when it has died another takes its place, with nothing in it."""
+"""A process that computes for a service; when it has died another takes its place, with nothing in it."""
 
 from __future__ import annotations
 
@@ -7,41 +7,43 @@ import logging
 from typing import Any
 
 from common.errors import WorkerDied
-from common.workers import Worker
-
-TARGET = "services.cloud_merger.merge_host:MergeHost"
+from common.workers.worker import Worker
 
 log = logging.getLogger(__name__)
 
 
-class MergingProcess:
-    """Start with `await process.start()`, end with `await process.close()`."""
+class WarmWorker:
+    """Start with `await warm.start()`, end with `await warm.close()`.
 
-    def __init__(self, settings: dict[str, Any]) -> None:
-        """`settings` are the fusion's."""
-        self._settings = settings
+    `what` it is called; its class `target` has methods `configure(settings)` and `warm()`.
+    """
+
+    def __init__(self, what: str, target: str, settings: dict[str, Any]) -> None:
+        self._what, self._target, self._settings = what, target, settings
         self._worker: Worker | None = None
-        """only a warm one: what a process is asked for before it is set up would be lost"""
+        self.warm = False
+        """the process is set up: what it is asked for before would be lost"""
         self._starting = asyncio.Lock()
 
     async def start(self) -> None:
         """Raises WorkerDied, WorkerError or OSError when it does not come up."""
-        worker = await Worker.start(TARGET)
+        self._worker = worker = await Worker.start(self._target)
         try:
             await worker.call("configure", settings=self._settings)
             await worker.call("warm")
         except BaseException:
+            self._worker = None
             await worker.close()
             raise
-        self._worker = worker
+        self.warm = True
 
     async def replaced(self) -> bool:
         """Start another if it has died; True for the one who did. Raises as `start` does: then ask again."""
         async with self._starting:
             if self._worker is not None and not self._worker.gone.is_set():
                 return False
-            self._worker = None
-            log.error("the merging process died; starting another")
+            self._worker, self.warm = None, False
+            log.error("the %s process died; starting another", self._what)
             await self.start()
             return True
 
@@ -50,8 +52,8 @@ class MergingProcess:
 
         Raises WorkerDied while there is none.
         """
-        if self._worker is None:
-            raise WorkerDied("the merging process is not up")
+        if self._worker is None or not self.warm:
+            raise WorkerDied(f"the {self._what} process is not up")
         return self._worker
 
     def pids(self) -> list[int]:
