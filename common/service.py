@@ -74,18 +74,9 @@ class Service:
         """The router is there, or is lost."""
 
     async def _refuse_second(self, status_key: str, timeout_s: float) -> None:
-        """Two under one name would undo each other's work. Raises UsageError where another one lives.
-
-        A latched status is answered only by the living.
-        """
-        name = status_key.removesuffix("/status")
-        try:
-            answers = await self.bus.get(status_key, timeout_s=timeout_s)
-        except PeerError as error:
-            log.warning("cannot tell whether there is another", extra={"service": name, "reason": error})
-            return
-        if answers:
-            raise UsageError(f"another {name} is there; stop that one first")
+        """Two under one name would undo each other's work. Raises UsageError where another one lives."""
+        if await living(self.bus, status_key, timeout_s):
+            raise UsageError(f"another {status_key.removesuffix('/status')} is there; stop that one first")
 
     def _start(self, work: Coroutine[Any, Any, None], name: str) -> None:
         """A task that ends with the service; when it fails, the service does."""
@@ -132,6 +123,16 @@ class Service:
 
 class _Stopped(Exception):
     """Ends a service's task group."""
+
+
+async def living(bus: Bus, key: str, timeout_s: float) -> list[Message]:
+    """What others have latched under the key now: only the living answer. Nothing, with a warning, when none can tell."""
+    try:
+        answers = await bus.get(key, timeout_s=timeout_s)
+    except PeerError as error:
+        log.warning("cannot tell whether somebody has this name", extra={"key": key, "reason": error})
+        return []
+    return [answer.message for answer in answers]
 
 
 async def tell_status(bus: Bus, key: str, status: Callable[[], Message]) -> None:

@@ -12,7 +12,7 @@ import hashlib
 import os
 import re
 import secrets
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -24,7 +24,6 @@ from services.edge_worker.checkpoint import Checkpoint
 FORMAT = 2
 COPIES = 2
 """of a stream: the one before is of use when the newest is damaged"""
-FIELDS = ("stream", "seq", "gaps", "skipped")
 MOST_BYTES = 1 << 30
 NAME = re.compile(r"(?P<stream>[0-9a-f]{32})-(?P<seq>[0-9]+)\.checkpoint")
 
@@ -147,7 +146,7 @@ def _unpacked(path: Path) -> Kept:
         header, snapshot = msgpack.unpackb(path.read_bytes(), max_bin_len=MOST_BYTES)
         if header["format"] != FORMAT:
             raise BadFile(f"{path}: format {header['format']!r}, this program reads {FORMAT}; upgrade the older side")
-        told = {name: header[name] for name in FIELDS}
+        told = {field.name: header[field.name] for field in fields(Checkpoint)}
         if _checksum(told, snapshot) != header["sha256"]:
             raise BadFile(f"{path}: damaged; the robot's map is made from an older one, or from its spool")
         return Kept(Checkpoint(**told), snapshot)

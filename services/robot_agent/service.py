@@ -9,8 +9,8 @@ from collections.abc import AsyncIterator, Mapping
 
 from common.bus import Bus, keys
 from common.config import Fleet, RobotEntry
-from common.errors import PeerError, RouterUnreachable, SpoolFull, UsageError
-from common.service import open_bus, tell_status
+from common.errors import RouterUnreachable, SpoolFull, UsageError
+from common.service import living, open_bus, tell_status
 from common.telemetry import process_stats
 from common.wire import Ack, EndOfStream, FramePage, Message, RobotProfile, RobotStatus, Routes
 from common.wire.limits import MAX_PAGE_BYTES
@@ -172,15 +172,10 @@ class RobotAgent:
                 said = True
 
     async def _refuse_namesake(self, bus: Bus) -> None:
-        """A latched profile is answered only while its robot lives; one with this stream has a copy of this spool."""
-        try:
-            answers = await bus.get(keys.robot_profile(self._entry.id), timeout_s=self._fleet.bus.timeout_s)
-        except PeerError as error:
-            log.warning("cannot tell whether another robot has this name", extra={"reason": error})
-            return
-        for answer in answers:
-            if isinstance(answer.message, RobotProfile):
-                raise self._in_use(answer.message.stream)
+        """One with this stream has a copy of this spool."""
+        for message in await living(bus, keys.robot_profile(self._entry.id), self._fleet.bus.timeout_s):
+            if isinstance(message, RobotProfile):
+                raise self._in_use(message.stream)
 
     async def _hear_namesakes(self, bus: Bus) -> None:
         """Of two that came at the same time, or while one was cut off, the one with the smaller stream stays."""

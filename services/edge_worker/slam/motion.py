@@ -89,8 +89,7 @@ class DeadReckoning:
             return np.zeros(3), False
         motion = self._coasted() if self.at is None or was_at is None else self.wheels.scaled(between(was_at, self.at))
         measured = self.at is not None and was_at is not None
-        reach = JUMP_M + MAX_SPEED * min(max(self.dt, 0.0), LONGEST_S)
-        if measured and not np.hypot(motion[0], motion[1]) <= reach:
+        if measured and not np.hypot(motion[0], motion[1]) <= _reach(self.dt):
             motion, measured = self._coasted(), False
         if measured and 0.0 < self.dt <= COAST_S:
             motion[:2] *= self.wheels.watch(motion, self.dt)
@@ -138,8 +137,8 @@ class DeadReckoning:
             for motion in self.history[1:, 3:]:
                 travelled = compose(travelled, motion)
             others.append(between(travelled, self.wheels.scaled(between(self.history[0, :3], self.at))))
-        near = JUMP_M + MAX_SPEED * min(HISTORY * max(self.dt, 0.0), LONGEST_S)
-        return np.array([motion for motion in others if np.hypot(motion[0], motion[1]) <= near]).reshape(-1, 3)
+        near = [motion for motion in others if np.hypot(motion[0], motion[1]) <= _reach(HISTORY * self.dt)]
+        return np.array(near).reshape(-1, 3)
 
     def learn(
         self,
@@ -202,6 +201,11 @@ class DeadReckoning:
     def _coasted(self) -> NDArray[np.float64]:
         """The motion (3,) since the frame before if the velocity went on; none across a pause."""
         return self.velocity * self.dt if 0.0 < self.dt <= COAST_S else np.zeros(3)
+
+
+def _reach(seconds: float) -> float:
+    """m that odometry may tell of in so long a time."""
+    return JUMP_M + MAX_SPEED * min(max(seconds, 0.0), LONGEST_S)
 
 
 def _sane(imu: Samples | None) -> Samples | None:
