@@ -126,7 +126,7 @@ class _Stopped(Exception):
 
 
 async def living(bus: Bus, key: str, timeout_s: float) -> list[Message]:
-    """What others have latched under the key now: only the living answer. Nothing, with a warning, when none can tell."""
+    """What others have latched under the key: only the living answer. Empty, with a warning, when none can tell."""
     try:
         answers = await bus.get(key, timeout_s=timeout_s)
     except PeerError as error:

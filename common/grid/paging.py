@@ -3,7 +3,7 @@ whoever has taken all pages has the whole of the last page's version."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -14,8 +14,6 @@ from common.grid.versions import life_of
 
 TILE_HEAD = 40
 """bytes that a tile takes in a message at most beside its cells: empty ones are not free"""
-LONGEST = 18
-"""digits of a number in a query: with any more it may not fit into 64 bits"""
 TileData = tuple[int, int, int, bytes]
 """x, y, version, encoded cells"""
 
@@ -72,11 +70,3 @@ def parse_cursor(cursor: str) -> tuple[int, TileKey]:
     except ValueError:
         raise UsageError(f"cursor {cursor!r} is none of ours: pass the `next` of the page before") from None
     return version, (x, y)
-
-
-def parse_number(params: Mapping[str, str], name: str) -> int:
-    """A query's parameter that counts from 0, where it is left out 0. Raises UsageError when it is no such number."""
-    text = params.get(name, "0")
-    if not (text.isascii() and text.isdigit() and len(text) <= LONGEST):
-        raise UsageError(f"parameter {name}={text[:40]!r} is no version or row: pass one that you were told, or 0")
-    return int(text)

@@ -10,10 +10,10 @@ from typing import Any
 
 from common.bus import Bus, keys
 from common.bus.intake import Received
+from common.bus.parameters import number
 from common.bus.tiles import TILE_BYTES, fetch_tiles, tile_page
 from common.config import Fleet
 from common.errors import PeerError, QueryFailed, WorkerDied
-from common.grid.paging import parse_number
 from common.grid.versions import count_of
 from common.link import LinkMeter
 from common.service import Service
@@ -242,7 +242,7 @@ class CloudMerger(Service):
             log.info("changed", extra={"version": count_of(notice.version), "reason": change})
 
     async def _tiles(self, key: str, params: Mapping[str, str]) -> Message:
-        since, cursor = parse_number(params, "since"), params.get("cursor", "")
+        since, cursor = number(params, "since"), params.get("cursor", "")
         async with self._whole:
             shown = self._shown
             if shown is None:

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from common.bus import Bus, keys
+from common.bus.parameters import number
 from common.bus.tiles import TILE_BYTES, fetch_tiles, tile_page
 from common.config import Fleet
 from common.errors import PeerError, QueryFailed, WorkerDied
-from common.grid.paging import parse_number
 from common.link import LinkMeter
 from common.wire import Component, Cover, EdgeMapNotice, MapNotice, Message, Routes, Transforms, decode, encode
 from common.workers import WarmWorker, WorkerError
@@ -171,7 +171,7 @@ class Fusion:
             raise PeerError("no edge map yet: nothing has been fused here", f"edge/{self._edge}")
         page = await self._call(
             "tiles",
-            since=parse_number(params, "since"),
+            since=number(params, "since"),
             cursor=params.get("cursor", ""),
             limit_bytes=TILE_BYTES,
         )

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from common.bus import Bus, keys
+from common.bus.parameters import number
 from common.bus.tiles import TILE_BYTES, tile_page
 from common.errors import PeerError, UsageError, WorkerDied
-from common.grid.paging import parse_number
 from common.wire import Cover, Epoch, MapNotice, Message, decode
 from common.workers import WorkerError
 from services.edge_worker.instance import Instance
@@ -88,7 +88,7 @@ class RobotMaps:
             "tiles",
             robot=robot,
             kind=kind,
-            since=parse_number(params, "since"),
+            since=number(params, "since"),
             cursor=params.get("cursor", ""),
             limit_bytes=TILE_BYTES,
         )
@@ -98,7 +98,7 @@ class RobotMaps:
 
     async def _trajectory(self, key: str, params: Mapping[str, str]) -> Message:
         robot, instance = self._instance(key)
-        start = parse_number(params, "cursor" if "cursor" in params else "from")
+        start = number(params, "cursor" if "cursor" in params else "from")
         return decode(await self._pool.call(instance.worker, "trajectory", robot=robot, start=start))
 
     def _instance(self, key: str) -> tuple[str, Instance]:

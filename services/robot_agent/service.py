@@ -8,6 +8,7 @@ import os
 from collections.abc import AsyncIterator, Mapping
 
 from common.bus import Bus, keys
+from common.bus.parameters import number
 from common.config import Fleet, RobotEntry
 from common.errors import RouterUnreachable, SpoolFull, UsageError
 from common.service import living, open_bus, tell_status
@@ -36,9 +37,6 @@ from services.robot_agent.state import (
 
 PAGE_BYTES = MAX_PAGE_BYTES - 4096
 """frames in one backfill page, so that the page with its other fields stays below the limit"""
-
-MAX_SEQ = 2**63 - 1
-"""the largest number that the spool's file can hold"""
 
 log = logging.getLogger(__name__)
 
@@ -241,14 +239,14 @@ class RobotAgent:
         """
         spool = self._spool
         if "probe" in params:
-            noise = os.urandom(max(0, min(_number(params, "probe", 0), PAGE_BYTES)))
+            noise = os.urandom(min(number(params, "probe"), PAGE_BYTES))
             return FramePage(robot=self._entry.id, stream=spool.stream, frames=(noise,), oldest=spool.now().oldest)
         stream = params.get("stream", spool.stream)
         if stream != spool.stream:
             raise UsageError(f"robot {self._entry.id} streams {spool.stream}, not {stream}; take its stream from zero")
-        start = _number(params, "cursor", _number(params, "from", 0))
+        start = number(params, "cursor", number(params, "from"))
         known = self.state.last_seq  # no frame is acknowledged before the state has heard of it
-        end = min(known, _number(params, "to", known))
+        end = min(known, number(params, "to", known))
         page, following = await asyncio.to_thread(spool.read, start, PAGE_BYTES, end)
         frames = tuple(data for _, data in page)
         self._bytes_sent += sum(len(data) for data in frames)
@@ -259,16 +257,3 @@ class RobotAgent:
 async def _messages(bus: Bus, key_expr: str) -> AsyncIterator[Message]:
     async for received in bus.watch(key_expr):
         yield received.message
-
-
-def _number(params: Mapping[str, str], name: str, default: int) -> int:
-    text = params.get(name)
-    if text is None:
-        return default
-    try:
-        number = int(text)
-    except ValueError:
-        number = -1
-    if not 0 <= number <= MAX_SEQ:
-        raise UsageError(f"backfill parameter {name}={text[:64]!r} is no number of 0 to {MAX_SEQ}")
-    return number

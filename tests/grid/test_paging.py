@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from common.bus.tiles import TILE_BYTES, tile_page
 from common.errors import UsageError
 from common.grid import Grid
-from common.grid.paging import counts_page, page, parse_cursor, parse_number
+from common.grid.paging import counts_page, page, parse_cursor
 from common.grid.tiles import decode_counts, encode_counts
 from common.grid.versions import count_of, first_version, life_of
 from common.wire import encode
@@ -102,11 +102,3 @@ def test_lives_do_not_meet_however_many_changes_there_are() -> None:
     version = first_version(5) + 123
     assert (life_of(version), count_of(version)) == (5, 123)
     assert first_version(2**32 - 1) < 2**53
-
-
-@pytest.mark.parametrize("text", ["", "x", "-1", "1.5", "²", "9" * 19, "9" * 5000])
-def test_a_version_that_is_none_is_refused_by_the_name_of_its_parameter(text: str) -> None:
-    with pytest.raises(UsageError, match="parameter since="):
-        parse_number({"since": text}, "since")
-    assert parse_number({}, "since") == 0
-    assert parse_number({"since": str(first_version(2**32 - 1))}, "since") == first_version(2**32 - 1)
